@@ -4,11 +4,9 @@ import configparser
 import importlib
 import inspect
 import re
-import subprocess
-import sys
 
 import yaml
-from conftest import ROOT, for_each
+from conftest import ROOT, for_each, run_python
 
 import vsh
 import vsh.__main__ as commands
@@ -19,18 +17,20 @@ PAGES = [*sorted(DOCS.rglob("*.md")), ROOT / "README.md", ROOT / "CHANGELOG.md",
 PAGES = [path for path in PAGES if "_build" not in path.parts and not {"gallery", "learn"} & set(path.parts)]
 COMMANDS = [f"vsh-{name}" for name in commands.COMMANDS]
 #: Faces whose names are used inside the project only.
-INTERNAL = {
-    "study",
-    "sim.agis.passes",
-    "sim.commands",
-    "fit.commands",
-    "study.commands",
-    "vsh.figures",
-    "vsh.io",
-    "vsh.models",
-    "vsh.tools",
-    "vsh.commands",
-}
+INTERNAL = set(
+    [
+        "study",
+        "study.commands",
+        "sim.agis.passes",
+        "sim.commands",
+        "fit.commands",
+        "vsh.figures",
+        "vsh.io",
+        "vsh.models",
+        "vsh.tools",
+        "vsh.commands",
+    ]
+)
 #: Faces whose names stand under the modules that they are of.
 NAMED_BELOW = {"fit.frames", "fit.motions", "fit.normal", "fit.results", "vsh.sky"}
 
@@ -110,10 +110,7 @@ def test_links_to_files_hold(path):
 @for_each(COMMANDS)
 def test_options_that_the_pages_name_exist(command):
     """Every option of a command that stands on a page is one that the command has."""
-    done = subprocess.run(
-        [sys.executable, "-m", "vsh", command, "--help-all"], cwd=ROOT, capture_output=True, text=True, encoding="utf-8",
-        check=True,
-    )  # fmt: skip
+    done = run_python("-m", "vsh", command, "--help-all")
     known = set(re.findall(r"--[a-z0-9-]+", done.stdout))
     for path in PAGES:
         if path.name == "CHANGELOG.md":
@@ -134,9 +131,7 @@ def test_python_in_the_pages_is_python():
 def test_python_of_the_readme_runs():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    done = subprocess.run([sys.executable, "-c", block], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "acceleration" in done.stdout
+    assert "acceleration" in run_python("-c", block).stdout
 
 
 def test_readme_is_short():
@@ -153,11 +148,8 @@ def test_version_is_said_once():
     assert cited["version"] == vsh.__version__
     said = re.compile(rf"version\s*[:=]+\s*[\"']?{re.escape(vsh.__version__)}")
     for path in [
-        ROOT / "README.md",
         *DOCS.glob("*.md"),
-        ROOT / "setup.cfg",
-        ROOT / "pyproject.toml",
-        ROOT / "setup.py",
+        *(ROOT / name for name in ("README.md", "setup.cfg", "pyproject.toml", "setup.py")),
     ]:
         assert not said.search(path.read_text(encoding="utf-8")), path.name
 
@@ -186,10 +178,8 @@ def test_actions_are_pinned():
         text = path.read_text(encoding="utf-8")
         assert "permissions:" in text, path
         for line in re.findall(r"uses: (.*)", text):
-            assert re.fullmatch(r"[\w./-]+@[0-9a-f]{40}  # v[\d.]+( # zizmor: ignore\[artipacked\])?", line), (
-                path,
-                line,
-            )
+            pinned = r"[\w./-]+@[0-9a-f]{40}  # v[\d.]+( # zizmor: ignore\[artipacked\])?"
+            assert re.fullmatch(pinned, line), (path, line)
 
 
 def test_validation_ends_with_what_the_benchmarks_printed():

@@ -1,22 +1,16 @@
 """docs/extending.md does what it says: an estimator, a signal, a format and a command are added as it tells, and run."""
 
-import os
 import re
 import shutil
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, run_python
 
 from vsh import Field
 
-BLOCKS = re.findall(
-    r"^```(?:python|text)\n(.*?)^```",
-    (ROOT / "docs" / "extending.md").read_text(encoding="utf-8"),
-    re.MULTILINE | re.DOTALL,
-)
+PAGE = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```(?:python|text)\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 
 
 @pytest.fixture(scope="module")
@@ -38,16 +32,7 @@ def house(tmp_path_factory):
 
 
 def run(house, *words, folder=None):
-    done = subprocess.run(
-        [sys.executable, *words],
-        cwd=folder or house,
-        env=os.environ | {"PYTHONPATH": str(house)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return run_python(*words, folder=folder or house, environment={"PYTHONPATH": str(house)}).stdout
 
 
 @pytest.mark.slow
@@ -89,10 +74,7 @@ def test_format(house, tmp_path):
     assert "formats: bars, FITS, " in " ".join(run(house, "-m", "vsh", "fit", "--help-all").split())
     broken = tmp_path / "broken.bars"
     broken.write_text("|".join((tmp_path / "sky.bars").read_text().split("|")[:-3]))
-    done = subprocess.run(
-        [sys.executable, "-m", "vsh", "fit", str(broken)], cwd=house, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 1
+    done = run_python("-m", "vsh", "fit", broken, folder=house, environment={"PYTHONPATH": str(house)}, status=1)
     assert "1 of 300 rows cannot be used" in done.stderr
 
 
@@ -107,12 +89,8 @@ def test_command(house, tmp_path):
     assert run(house, "-m", "vsh", "count", "sky.csv", folder=tmp_path).startswith(COUNTED)
     assert '"sources"' in run(house, "-m", "vsh", "count", str(tmp_path / "sky.csv"), "--json")
     run(house, "-m", "vsh", "count", str(tmp_path / "sky.csv"), "--output", str(tmp_path / "out"))
-    assert {path.name for path in (tmp_path / "out").iterdir()} >= {
-        "count.ecsv",
-        "run.toml",
-        "citation.bib",
-        "report.txt",
-    }
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written >= {"count.ecsv", "run.toml", "citation.bib", "report.txt"}
     assert "gaia" in run(house, "-m", "vsh", "count", "--citation").lower()
     assert "How many sources a catalogue has" in run(house, "-m", "vsh", "--help")
     assert run(house, "-m", "vsh", "count", "--help-all").count("vsh-count quasars.fits") == 3

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import POSIX, ROOT
+from conftest import POSIX, ROOT, run_python
 
 PACKAGES = ("vsh", "sim", "fit", "study")
 #: What a user may have in a folder: its files, and whether Python takes it for ours.
@@ -71,9 +71,7 @@ def test_commands_run_beside_what_hides_a_package(python, form, tmp_path):
     catalogue = ROOT / "fit" / "demo.fits"
     if form == "file":
         catalogue = "q.ecsv"
-        done = python(
-            tmp_path, "-m", "vsh", "sim", "quasars", "--number", "50", "--errors", "expected", "--output", catalogue
-        )
+        done = python(tmp_path, *f"-m vsh sim quasars --number 50 --errors expected --output {catalogue}".split())
         assert done.returncode == 0, done.stderr
     done = python(tmp_path, "-m", "vsh", "fit", catalogue, "--lmax", "1", "--format", "none")
     assert done.returncode == 0, done.stderr
@@ -124,8 +122,4 @@ def promised():
 def test_each_promised_name_is_imported_by_itself():
     names = "\n".join(f"{module} {name}" for module, name in promised())
     assert names.count("\n") > 100
-    done = subprocess.run(
-        [sys.executable, "-c", _CODE], input=names, capture_output=True, text=True, check=True,
-        cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
-    assert done.stdout == ""
+    assert run_python("-c", _CODE, input=names).stdout == ""

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 import yaml
-from conftest import ROOT, for_each
+from conftest import ROOT, for_each, run_python
 from wheel import JOBS
 
 import vsh
@@ -38,9 +38,8 @@ def test_nothing_else_is_kept():
         pytest.skip("not in a repository of git")
     paths = files.stdout.splitlines()
     assert {path.split("/")[0] for path in paths if "/" in path} == FOLDERS
-    assert not [
-        path for path in paths if "/" not in path and path.endswith((".png", ".fits", ".ecsv", ".csv", ".html"))
-    ]
+    made = (".png", ".fits", ".ecsv", ".csv", ".html")
+    assert not [path for path in paths if "/" not in path and path.endswith(made)]
     large = [path for path in paths if (ROOT / path).exists() and (ROOT / path).stat().st_size > 500_000]
     assert large == []
 
@@ -83,10 +82,7 @@ def without_healpy(tmp_path):
 
     def run(*words):
         environment = {"PYTHONPATH": f"{tmp_path}:{ROOT}", "PATH": "", "HOME": str(tmp_path)}
-        return subprocess.run(
-            [sys.executable, "-m", "vsh", *words], cwd=tmp_path, env=environment, capture_output=True, text=True,
-            check=False,
-        )  # fmt: skip
+        return run_python("-m", "vsh", *words, folder=tmp_path, environment=environment, status=None)
 
     return run
 
@@ -126,19 +122,8 @@ def test_versions_are_locked_and_floors_are_tested():
     """`make test-oldest` installs the lowest versions that setup.cfg declares."""
     floors = dict(re.findall(r"^[ \t]+(\w[\w-]*)>=([\d.]+)(?:;.*)?$", (ROOT / "setup.cfg").read_text(), re.MULTILINE))
     oldest = dict(re.findall(r"^([\w-]+)==([\d.]+)$", (ROOT / "requirements" / "oldest.txt").read_text(), re.MULTILINE))
-    for name in (
-        "numpy",
-        "scipy",
-        "astropy",
-        "healpy",
-        "ducc0",
-        "emcee",
-        "matplotlib",
-        "tqdm",
-        "lazy-loader",
-        "threadpoolctl",
-        "corner",
-    ):
+    libraries = "numpy scipy astropy healpy ducc0 emcee matplotlib tqdm lazy-loader threadpoolctl corner"
+    for name in libraries.split():
         assert oldest[name].removesuffix(".0").startswith(floors[name].removesuffix(".0")), name
     newest = (ROOT / "requirements" / "newest.txt").read_text()
     assert all(f"\n{name}==" in newest for name in floors if name not in ("uv", "pyshtools"))  # of tools and oracles

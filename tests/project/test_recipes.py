@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from astropy import units
 from astropy.table import Table
-from conftest import DATA, POSIX, ROOT, real_catalogue
+from conftest import DATA, POSIX, ROOT, real_catalogue, run_python
 from tap_server import serving
 
 from vsh import Field
@@ -51,20 +51,7 @@ def tables(tmp_path_factory):
 
 
 def test_no_recipe_is_forgotten():
-    assert set(RECIPES) == {
-        "folder",
-        "choose",
-        "dask",
-        "cluster",
-        "lsdb",
-        "archive",
-        "epochs",
-        "likelihood",
-        "dynesty",
-        "numpyro",
-        "cobaya",
-        "sbi",
-    }
+    assert set(RECIPES) == {"folder", "choose", "archive", "epochs", "likelihood", *NEEDS, *SAMPLERS}
 
 
 @pytest.mark.parametrize(
@@ -75,7 +62,6 @@ def test_no_recipe_is_forgotten():
     ],
 )
 def test_recipe(name, tables):
-    home = tables
     if name in NEEDS:
         pytest.importorskip(NEEDS[name], exc_type=ImportError)
     text = RECIPES[name]
@@ -83,29 +69,18 @@ def test_recipe(name, tables):
         import lsdb
         import pandas
 
-        frame = pandas.concat(pandas.read_parquet(path) for path in sorted((home / "folder").iterdir()))
-        lsdb.from_dataframe(frame, catalog_name="sky", lowest_order=0).write_catalog(home / "hats", overwrite=True)
+        frame = pandas.concat(pandas.read_parquet(path) for path in sorted((tables / "folder").iterdir()))
+        lsdb.from_dataframe(frame, catalog_name="sky", lowest_order=0).write_catalog(tables / "hats", overwrite=True)
     if name == "archive":
-        with serving((home / "whole.fits").read_bytes()) as (url, _):
-            run(text.replace('"crf3.fits")', f'"crf3.fits", "{url}")'), home)
+        with serving((tables / "whole.fits").read_bytes()) as (url, _):
+            run(text.replace('"crf3.fits")', f'"crf3.fits", "{url}")'), tables)
     else:
-        run(text, home)
+        run(text, tables)
 
 
 def run(text, home):
     (home / "recipe.py").write_text(text, encoding="utf-8")
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, "recipe.py"],
-        cwd=home,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr[-2000:]
-    return done.stdout
+    return run_python("recipe.py", folder=home, timeout=120).stdout
 
 
 @pytest.mark.slow
@@ -137,7 +112,6 @@ print(mean, np.sqrt(np.average((omega - mean) ** 2, weights=weight)))
 @POSIX
 @pytest.mark.slow
 def test_job_for_one_node_runs(tables, tmp_path):
-    home = tables
     """SLURM's lines are comments to bash."""
     page = PAGES[0].read_text(encoding="utf-8")
     one, several = re.findall(r"```bash\n(.*?)```", page, re.DOTALL)
@@ -148,7 +122,7 @@ def test_job_for_one_node_runs(tables, tmp_path):
     binary.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m vsh fit "$@"\n')
     binary.chmod(0o755)
     environment = os.environ | {
-        "PATH": f"{binary.parent}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT), "CATALOGUE": str(home / "folder"),
+        "PATH": f"{binary.parent}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT), "CATALOGUE": str(tables / "folder"),
         "RESULTS": str(tmp_path / "results"),
     }  # fmt: skip
     script = one.replace("--lmax 10", "--lmax 2")
@@ -184,9 +158,8 @@ def test_day(tmp_path, monkeypatch, capsys):
     for line in LINES:
         if line.startswith("vsh-archive"):
             continue
-        more = (
-            ["--number", "8000"] if line.startswith("vsh-sim") else ["--format", "none"] if "--output" in line else []
-        )
+        more = ["--format", "none"] if "--output" in line else []
+        more = ["--number", "8000"] if line.startswith("vsh-sim") else more
         assert run_line(line, *more) == 0, line
     out = capsys.readouterr().out
     assert out.count("Does the dipole change with class?") == 3
@@ -200,7 +173,6 @@ def test_day(tmp_path, monkeypatch, capsys):
 def test_cheatsheet_runs(tmp_path, monkeypatch):
     """All twenty lines, one after the other."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("MPLBACKEND", "agg")
     page = (ROOT / "docs" / "cheatsheet.md").read_text(encoding="utf-8")
     names: dict[str, object] = {}
     for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
@@ -310,7 +282,6 @@ def home(files, tmp_path, monkeypatch):
         if (DATA / name).exists():
             shutil.copy(DATA / name, tmp_path / "home")
     monkeypatch.chdir(tmp_path / "home")
-    monkeypatch.setenv("MPLBACKEND", "agg")
 
 
 def printed(kind):

@@ -4,10 +4,9 @@ import argparse
 import re
 import shutil
 import subprocess
-import sys
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, run_python
 
 import vsh.__main__ as commands
 
@@ -23,13 +22,7 @@ def share(tmp_path_factory):
     code += "space = {'__file__': sys.path[0] + '/setup.py', '__name__': 'setup'}\n"
     code += "exec(compile(open('setup.py', encoding='utf-8').read(), 'setup.py', 'exec'), space)\n"
     code += f"print(*space['make_share'](pathlib.Path({str(folder)!r}), '1.2.3'), sep='\\n')"
-    done = subprocess.run(
-        [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{code}"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
+    run_python("-c", f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{code}")
     return folder
 
 

@@ -1,10 +1,9 @@
 """A type checker sees our types in a user's script, as the project is installed here."""
 
 import re
-import subprocess
-import sys
 
 import pytest
+from conftest import run_python
 
 SCRIPT = """\
 import fit
@@ -22,16 +21,6 @@ quasars = sim.quasars(number=3)  # n
 """
 
 
-@pytest.mark.slow
-def test_six_planted_mistakes(tmp_path):
-    (tmp_path / "mine.py").write_text(SCRIPT)
-    done = subprocess.run(
-        [sys.executable, "-m", "mypy", "mine.py"], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    found = re.findall(r"^mine\.py:(\d+): error:", done.stdout, re.MULTILINE)
-    assert [int(line) for line in dict.fromkeys(found)] == [7, 8, 9, 10, 11, 12], done.stdout
-
-
 READ_BACK = """\
 from typing import assert_type
 
@@ -46,9 +35,11 @@ solution.plot(ax=solution)  # no axes
 
 
 @pytest.mark.slow
-def test_readers_and_figures_are_typed(tmp_path):
-    (tmp_path / "mine.py").write_text(READ_BACK)
-    done = subprocess.run(
-        [sys.executable, "-m", "mypy", "mine.py"], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert re.findall(r"^mine\.py:(\d+): error:", done.stdout, re.MULTILINE) == ["9"], done.stdout
+@pytest.mark.parametrize(
+    ("script", "lines"), [(SCRIPT, [7, 8, 9, 10, 11, 12]), (READ_BACK, [9])], ids=["planted mistakes", "what is read"]
+)
+def test_mistakes_are_found(script, lines, tmp_path):
+    (tmp_path / "mine.py").write_text(script)
+    done = run_python("-m", "mypy", "mine.py", folder=tmp_path, status=None, environment={"PYTHONPATH": None})
+    found = re.findall(r"^mine\.py:(\d+): error:", done.stdout, re.MULTILINE)
+    assert [int(line) for line in dict.fromkeys(found)] == lines, done.stdout

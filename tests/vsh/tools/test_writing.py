@@ -1,8 +1,6 @@
 """Files that are written are whole."""
 
-import os
-import subprocess
-import sys
+from conftest import run_python
 
 CODE = """
 from astropy.table import Table
@@ -15,6 +13,4 @@ for length in range(180, 300):
 
 def test_votable_row_of_any_length_is_written_whole(tmp_path):
     """The compiled writer of astropy writes one byte beyond its buffer where the text of a row just fills it."""
-    place = os.environ | {"PYTHONMALLOC": "debug", "PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run([sys.executable, "-c", CODE], cwd=tmp_path, env=place, capture_output=True, check=False)
-    assert done.returncode == 0, done.stderr[-400:]
+    run_python("-c", CODE, folder=tmp_path, environment={"PYTHONMALLOC": "debug"})

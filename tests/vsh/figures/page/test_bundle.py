@@ -1,14 +1,11 @@
 """The script of the page is a file of the repository: of the packages of npm's lock, with their licences."""
 
 import json
-import os
 import re
 import shutil
-import subprocess
-import sys
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, run_python
 
 PAGE = ROOT / "vsh" / "figures" / "page"
 
@@ -40,10 +37,7 @@ def test_script_is_what_npm_makes_of_the_lock(tmp_path):
         "import runpy, sys; sys.argv = ['setup.py', '--name']; m = runpy.run_path('setup.py'); "
         "from pathlib import Path; m['make_bundle'](Path(sys.argv[0] and r'{0}/a.js'), Path(r'{0}/b.txt'))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code.format(tmp_path)], cwd=ROOT, capture_output=True, text=True, env=os.environ,
-        check=False,
-    )  # fmt: skip
+    done = run_python("-c", code.format(tmp_path), status=None)
     if done.returncode:
         pytest.skip(f"npm makes nothing here: {done.stderr[-200:]}")
     assert (tmp_path / "a.js").read_bytes() == (PAGE / "d3.min.js").read_bytes()
