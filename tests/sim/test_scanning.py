@@ -24,17 +24,6 @@ def test_speed_follows_from_the_precessions():
     assert pytest.approx(4.220745, abs=5e-7) == LAW.speed
 
 
-def test_precession_rate():
-    """ν gains 2π · 5.8 for each turn of the Sun, counted over whole precessions."""
-    time = np.linspace(0, 5, 20_001)
-    nu = LAW._state["nu"](time)
-    sun, _ = LAW.sun(time)
-    longitude = np.unwrap(np.arctan2(sun[1], sun[0]))
-    whole = np.floor((nu[-1] - nu[0]) / (2 * np.pi))
-    end = np.interp(nu[0] + 2 * np.pi * whole, nu, longitude)
-    assert whole / ((end - longitude[0]) / (2 * np.pi)) == pytest.approx(5.8, rel=1e-5)
-
-
 def test_axis_views_and_sun():
     time = np.linspace(0, 5, 1001)
     z, first, second = LAW.attitude(time)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from astropy import units as u
-from astropy.cosmology import FlatLambdaCDM, Planck18
+from astropy.cosmology import Planck18
 
 import sim
 from vsh import Coefficients, Modes
@@ -20,13 +20,10 @@ APEX = np.array([-25.7, -244.3, 275.3])
 
 
 @pytest.mark.parametrize(
-    ("z", "distance", "motion"),
-    [(0.001, 4.454, 17.478), (0.003, 13.354, 5.829), (0.01, 44.440, 1.7516), (0.03, 132.685, 0.5867),
-     (0.1, 434.756, 0.1790), (1.0, 3406.3, 0.0229)],
-)  # fmt: skip
-def test_secular_parallax_values(z, distance, motion):
-    """docs/theory.md: d_M and the secular parallax of 369 km/s."""
-    assert float(transverse_distance([z])[0]) == pytest.approx(distance, abs=0.05 if z == 1 else 6e-4)  # as printed
+    ("z", "motion"), [(0.001, 17.478), (0.003, 5.829), (0.01, 1.7516), (0.03, 0.5867), (0.1, 0.1790), (1.0, 0.0229)]
+)
+def test_secular_parallax_values(z, motion):
+    """docs/theory.md: the secular parallax of 369 km/s, at distances that test_cosmology has."""
     away = sim.secular_parallax((369.0, 0, 0))([np.pi / 2], [0.0], [z])  # 90° from the apex
     np.testing.assert_allclose(away[:, 0], [motion, 0], atol=6e-4 if z < 0.01 else 6e-5)
 
@@ -39,16 +36,6 @@ def test_secular_parallax_is_away_from_the_apex_and_scales_with_hubble():
     np.testing.assert_allclose(two, 2 * one)
     other = sim.secular_parallax(APEX, cosmology=Planck18, hubble=67.3)(*PLACES)
     np.testing.assert_allclose(other, one, rtol=2e-3)
-
-
-@pytest.mark.parametrize("z", [np.nan, 0.0, -0.01, 5e-5])
-def test_distances_are_not_asked_for_bad_redshifts(z):
-    class Watched(FlatLambdaCDM):
-        def comoving_transverse_distance(self, z):
-            raise AssertionError("was asked")
-
-    with pytest.raises(FieldError, match="1 of 2 redshifts give no distance"):
-        transverse_distance([0.01, z], Watched(70, 0.3))
     with pytest.raises(FieldError, match="no redshifts"):
         sim.secular_parallax(APEX)([0.0], [0.0])
 

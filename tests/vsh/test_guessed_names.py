@@ -51,11 +51,6 @@ def test_degrees_are_refused_at_once():
         sim.Population(np.array([10.0]), np.array([45.0]), np.array([18.0]))
 
 
-def test_word_that_is_near():
-    with pytest.raises(AttributeError, match="did you mean solve"):
-        getattr(fit, "sovle")  # noqa: B009
-
-
 def test_results_print_in_three_lines(field):
     for result in (fit.robust.student_t(field, 2), fit.robust.clip(field, 1), fit.cross_check(field)):
         assert len(repr(result)) < 300

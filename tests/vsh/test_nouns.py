@@ -20,7 +20,7 @@ from fit.correlation import leakage, predict_covariance
 from fit.redshift import binned
 from fit.results.storage import Result, same
 from vsh import Coefficients, Field, Modes, Vector
-from vsh.io.catalogue import match, read_field, stream_fields
+from vsh.io.catalogue import match, stream_fields
 from vsh.tools.errors import VshError
 from vsh.tools.notes import DroppedRows, merge_notes
 
@@ -193,11 +193,6 @@ def test_every_deliberate_error_is_ours():
             assert "raise TypeError" not in text, path
     kinds = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, errors.VshError)]
     assert all(issubclass(kind, ValueError) for kind in kinds if kind is not errors.VshError)
-
-
-def test_read_field_of_a_pickled_path(tmp_path):
-    table().write(tmp_path / "c.fits")
-    assert same(read_field(tmp_path / "c.fits").motion, read_field(str(tmp_path / "c.fits")).motion)
 
 
 def test_fields_and_vectors_are_equal_where_their_numbers_are():

@@ -6,6 +6,7 @@ from vsh.models.cosmology import (
     BACHCHAN_2016,
     CMB_VELOCITY_PLANCK18,
     FLAT_PLANCK13,
+    parallax_factor,
     redshift_of,
     transverse_distance,
     with_redshift,
@@ -21,8 +22,6 @@ Z = np.array([0.001, 0.003, 0.01, 0.03, 0.1, 1.0])
 def test_distances_and_parallaxes_of_the_conventions():
     distance = transverse_distance(Z)
     np.testing.assert_allclose(distance, [4.454, 13.354, 44.440, 132.685, 434.756, 3406.3], rtol=2e-5, atol=5e-4)
-    drift = 369.0 / (AU_PER_YEAR * distance)
-    np.testing.assert_allclose(drift, [17.478, 5.829, 1.7516, 0.5867, 0.1790, 0.0229], rtol=0, atol=6e-4)
     assert pytest.approx(77.84, abs=5e-3) == 369.0 / AU_PER_YEAR
     assert 750.0 / (AU_PER_YEAR * distance[2]) == pytest.approx(3.56, abs=5e-3)
 
@@ -102,8 +101,6 @@ def test_our_velocity():
 
 def test_beyond_the_antipode_of_a_closed_cosmology():
     """Negative distances."""
-    from astropy.cosmology import LambdaCDM
-
     closed = LambdaCDM(H0=70, Om0=3.0, Ode0=3.0)
     assert (transverse_distance(np.array([0.1, 0.5]), closed) > 0).all()
     for z in (np.array([0.1, 50.0]), np.geomspace(0.1, 50, 2000)):
@@ -120,10 +117,6 @@ def test_redshifts_from_distances():
 @pytest.mark.parametrize("curvature", [-0.2, 0.0, 0.15])
 def test_parallax_distance_of_a_curved_space(curvature):
     """d_P = R tan(χ/R) on a sphere of radius R, R tanh(χ/R) where it is open; d_M = R sin, or sinh (χ/R)."""
-    from astropy.cosmology import LambdaCDM
-
-    from vsh.models.cosmology import parallax_factor
-
     cosmology = LambdaCDM(67.3, 0.3, 0.7 - curvature)
     z = np.array([0.01, 0.5, 1.5])
     far = cosmology.comoving_distance(z).value

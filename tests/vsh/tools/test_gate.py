@@ -13,6 +13,7 @@ from conftest import ROOT, random_field
 import fit
 from vsh import WriteError
 from vsh.figures.page import write_page
+from vsh.figures.plot import save_figures
 from vsh.io import tables
 from vsh.models.flows import VelocityGrid
 from vsh.tools.files import UNFINISHED, atomic_folder, atomic_write, check_not_read, hold_lock, protect_files
@@ -32,22 +33,27 @@ def test_foreign_files_are_not_replaced(tmp_path):
 
 
 def test_every_writer_asks_before_it_replaces(tmp_path):
-    from vsh.figures.plot import save_figures
-
-    axes = fit.fit_field(random_field(50, 1), 1).plot()
-    save_figures({"power": axes}, tmp_path, dpi=40, close=False)
-    write_page(tmp_path / "p.html", "<html></html>")
-    (tmp_path / "t.ecsv").write_text("mine")
-    for write in (
-        partial(save_figures, {"power": axes}, tmp_path, dpi=40),
-        partial(write_page, tmp_path / "p.html", "<html></html>"),
-        partial(tables.write_table, Table({"a": [1]}), tmp_path / "t.ecsv"),
-    ):
+    """A user's own table that was made from one of ours carries our mark, and was replaced."""
+    solution, grid = fit.fit_field(random_field(50, 1), 1), VelocityGrid(np.zeros((3, 4, 4, 4)), 50.0)
+    for name, write in {
+        "power.png": partial(save_figures, {"power": solution.plot()}, tmp_path, dpi=40, close=False),
+        "p.html": partial(write_page, tmp_path / "p.html", "<html></html>"),
+        "t.ecsv": partial(tables.write_table, Table({"a": [1]}), tmp_path / "t.ecsv"),
+        "f.ecsv": partial(random_field(5, 1).write, tmp_path / "f.ecsv"),
+        "s.ecsv": partial(solution.write, tmp_path / "s.ecsv"),
+        "g.npz": partial(grid.write, tmp_path / "g.npz"),
+    }.items():
+        write()
+        if name.endswith("ecsv"):
+            mine = Table.read(tmp_path / name)
+            mine["my_notes"] = "mine"
+            mine.write(tmp_path / name, overwrite=True)
         before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-        with pytest.raises(WriteError, match="overwrite=True"):
+        with pytest.raises(WriteError, match=f"{name} exists already: .*overwrite=True"):
             write()
         assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
         write(overwrite=True)
+        assert not name.endswith("ecsv") or (tmp_path / name).read_bytes() != before[tmp_path / name]
 
 
 def test_a_file_that_comes_while_another_is_written_stays(tmp_path):
@@ -119,22 +125,3 @@ def test_two_processes_lock_each_other_out(tmp_path):
     with hold_lock(tmp_path / "x"):
         pass
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_file_that_is_there_is_replaced_only_where_that_is_asked_for(tmp_path):
-    """A user's own table that was made from one of ours carries our mark, and was replaced."""
-    field = random_field(5, 1)
-    grid = VelocityGrid(np.zeros((3, 4, 4, 4)), 50.0)
-    for thing, name in ((field, "f.ecsv"), (fit.fit_field(random_field(50, 1), 1), "s.ecsv"), (grid, "g.npz")):
-        path = tmp_path / name
-        thing.write(path)
-        if name.endswith("ecsv"):
-            mine = Table.read(path)
-            mine["my_notes"] = "mine"
-            mine.write(path, overwrite=True)
-        before = path.read_bytes()
-        with pytest.raises(WriteError, match=f"{name} exists already: overwrite=True replaces it"):
-            thing.write(path)
-        assert path.read_bytes() == before
-        thing.write(path, overwrite=True)
-        assert name.endswith("npz") or path.read_bytes() != before

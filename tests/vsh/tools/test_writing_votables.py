@@ -61,12 +61,6 @@ def test_units_are_those_of_vounit(tmp_path):
     assert read["kind"].tolist() == ["T"]
 
 
-def test_empty_table_is_read(tmp_path):
-    write_table(Table({"name": np.zeros(0), "east": np.zeros(0)}), tmp_path / "empty.vot")
-    read = Table.read(tmp_path / "empty.vot")
-    assert (len(read), read.colnames) == (0, ["name", "east"])
-
-
 @pytest.mark.skipif(shutil.which("stilts") is None, reason="STILTS is not installed")
 @pytest.mark.slow
 def test_stilts_reads_what_commands_write(tmp_path):
@@ -100,7 +94,8 @@ def test_table_without_rows_has_data_all_the_same(tmp_path):
     """Without an element of data some readers find no table in the file."""
     write_table(Table({"ra": np.zeros(0), "name": np.zeros(0, "U3")}), tmp_path / "none.xml")
     assert "<DATA><TABLEDATA/></DATA>" in (tmp_path / "none.xml").read_text(encoding="utf-8")
-    assert Table.read(tmp_path / "none.xml").colnames == ["ra", "name"]
+    read = Table.read(tmp_path / "none.xml")
+    assert (len(read), read.colnames) == (0, ["ra", "name"])
 
 
 def test_counts_are_numbers_up_to_the_largest_that_a_long_holds(tmp_path):
