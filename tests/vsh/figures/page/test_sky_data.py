@@ -16,11 +16,6 @@ from vsh.figures.page import _page as sky_module
 from vsh.figures.plot import even_grid
 
 
-@pytest.fixture(autouse=True)
-def built(monkeypatch):
-    """As if the package had been built with d3: what its script is given does not depend on it."""
-
-
 def floats(text):
     return np.frombuffer(base64.b64decode(text), "<f4")
 
@@ -82,8 +77,6 @@ def test_most_significant_sources_are_sent_and_counted():
 
 
 def test_names_cannot_end_the_script():
-    from dataclasses import replace
-
     field = random_field(50, seed=1)
     field = replace(field, name=np.array(["</script><b>"] * 50))
     panel = sky(shown(field, 1)[0])

@@ -3,26 +3,13 @@
 The truth is projected here by the formulas of the projections, without WCS.
 """
 
-import matplotlib as mpl
 import numpy as np
 import pytest
-
-mpl.use("agg")
-import matplotlib.pyplot as plt
+from test_sky_axes import CENTRES, SOME
 
 from vsh import Coefficients, ParameterError
 from vsh.figures.plot import PROJECTIONS, arrow_grid, draw_vectors, even_grid, sky_axes
 from vsh.sky.sphere import triad
-
-CENTRES = [(0, 0), (257, -12), (120, 89), (180, 0), (40, 60), (257, -60), (10, -90), (0, 90), (300, 33), (77.7, -5)]
-#: Three of them each time, all among the slow tests.
-SOME = [pytest.param(each, marks=[pytest.mark.slow] * (i > 2)) for i, each in enumerate(CENTRES)]
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
 
 
 def plane(projection, centre, r):

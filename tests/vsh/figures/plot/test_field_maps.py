@@ -3,9 +3,6 @@
 import matplotlib as mpl
 import numpy as np
 import pytest
-
-mpl.use("agg")
-import matplotlib.pyplot as plt
 from conftest import random_field
 
 import fit
@@ -13,12 +10,6 @@ from vsh import Coefficients, Field, Modes, ParameterError
 from vsh.basis import harmonics
 from vsh.figures.plot import FADED, SkyAxes, arrow_grid, draw_matrix, even_grid, plot_field
 from vsh.figures.plot._field import SURE, significance_of
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
 
 
 @pytest.mark.parametrize("frame", ["icrs", "galactic", "ecliptic"])

@@ -1,11 +1,8 @@
 """Figures as files."""
 
-import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-
-mpl.use("agg")
-import matplotlib.pyplot as plt
 
 from vsh import ParameterError
 from vsh.figures.plot import apply_style, panels, save_figures
@@ -20,7 +17,6 @@ def drawn():
 
 
 def test_formats(tmp_path):
-    plt.close("all")  # what other tests left open
     paths = save_figures({"a": drawn(), "b": drawn()}, tmp_path, format=("png", "pdf", "svg"), dpi=100)
     assert [path.name for path in paths] == ["a.png", "a.pdf", "a.svg", "b.png", "b.pdf", "b.svg"]
     assert not plt.get_fignums()
@@ -52,4 +48,3 @@ def test_bad_ones(tmp_path):
         save_figures({}, tmp_path, format="jpg")
     with pytest.raises(ParameterError, match="dpi"):
         save_figures({}, tmp_path, dpi=0)
-    plt.close("all")

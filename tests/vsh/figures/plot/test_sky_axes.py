@@ -1,11 +1,8 @@
 """A map of the sky: where things are on it, and that its words can be read."""
 
-import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-
-mpl.use("agg")
-import matplotlib.pyplot as plt
 
 from vsh import FrameError, ParameterError, Vector
 from vsh.figures.plot import (
@@ -24,12 +21,6 @@ from vsh.sky.pixels import centres
 CENTRES = [(0, 0), (257, -12), (120, 89), (180, 0), (40, 60), (257, -60), (10, -90), (0, 90), (300, 33), (77.7, -5)]
 #: Three of them each time, all among the slow tests.
 SOME = [pytest.param(each, marks=[pytest.mark.slow] * (i > 2)) for i, each in enumerate(CENTRES)]
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
