@@ -17,20 +17,10 @@ PAGES = [*sorted(DOCS.rglob("*.md")), ROOT / "README.md", ROOT / "CHANGELOG.md",
 PAGES = [path for path in PAGES if "_build" not in path.parts and not {"gallery", "learn"} & set(path.parts)]
 COMMANDS = [f"vsh-{name}" for name in commands.COMMANDS]
 #: Faces whose names are used inside the project only.
-INTERNAL = set(
-    [
-        "study",
-        "study.commands",
-        "sim.agis.passes",
-        "sim.commands",
-        "fit.commands",
-        "vsh.figures",
-        "vsh.io",
-        "vsh.models",
-        "vsh.tools",
-        "vsh.commands",
-    ]
-)
+INTERNAL = {
+    "study", "study.commands", "sim.agis.passes", "sim.commands", "fit.commands", "vsh.figures", "vsh.io", "vsh.models",
+    "vsh.tools", "vsh.commands",
+}  # fmt: skip
 #: Faces whose names stand under the modules that they are of.
 NAMED_BELOW = {"fit.frames", "fit.motions", "fit.normal", "fit.results", "vsh.sky"}
 

@@ -21,9 +21,7 @@ from vsh.models.cosmology import SUN_IN_LOCAL_GROUP
 
 def test_simulate_and_fit(tmp_path, capsys):
     path = str(tmp_path / "q.fits")
-    assert (
-        main(["quasars", "--number", "3000", "--sky", "gums", "--spin", "0,0,30", "--seed", "2", "--output", path]) == 0
-    )
+    assert main(f"quasars --number 3000 --sky gums --spin 0,0,30 --seed 2 --output {path}".split()) == 0
     assert "3000 sources" in capsys.readouterr().out
     assert fit.commands.fit.main([path, "--lmax", "1"]) == 0
     text = capsys.readouterr().out
@@ -42,48 +40,27 @@ def test_same_seed_same_bytes(tmp_path, ending):
     written = []
     for name, seed, threads in (("a", 5, 1), ("b", 5, 4), ("c", 6, 4)):
         path = tmp_path / f"{name}.{ending}"
-        arguments = [
-            "quasars",
-            "--number",
-            "600",
-            "--seed",
-            str(seed),
-            "--threads",  # as it was called
-            str(threads),
-        ]
-        assert main([*arguments, "--output", str(path)]) == 0
+        words = f"quasars --number 600 --seed {seed} --threads {threads} --output {path}"  # as it was called
+        assert main(words.split()) == 0
         written.append(path.read_bytes())
     assert written[0] == written[1] != written[2]
 
 
 def test_galaxies_vlbi_and_the_short_way(tmp_path):
-    out = str(tmp_path / "t.ecsv")
-    assert main(["galaxies", "--number", "500", "--velocity", "374,-63,53", "--flow", "750", "--output", out]) == 0
+    out = tmp_path / "t.ecsv"
+
+    def run(words):
+        return main([*words.split(), "--output", str(out)])
+
+    assert run("galaxies --number 500 --velocity 374,-63,53 --flow 750") == 0
     assert np.isfinite(read_field(out).redshift).all()
-    assert main(["vlbi", "--number", "200", "--orientation", "-10,20,30", "--output", out, "--overwrite"]) == 0
+    assert run("vlbi --number 200 --orientation -10,20,30 --overwrite") == 0
     assert len(read_field(out)) == 200
     meta = Table.read(out).meta
     assert [meta[f"ORIENT_{axis}"] for axis in "XYZ"] == [-10, 20, 30]
     assert truth_of(out) is None  # offsets have neither spin nor acceleration
-    assert main(["quasars", "--number", "500", "--errors", "expected", "--output", out]) == 1  # it is there already
-    assert main(["quasars", "--number", "500", "--errors", "expected", "--output", out, "--overwrite"]) == 0
-    assert (
-        main(
-            [
-                "quasars",
-                "--number",
-                "500",
-                "--errors",
-                "expected",
-                "--acceleration",
-                "-1,2,3",
-                "--output",
-                out,
-                "--overwrite",
-            ]
-        )
-        == 0
-    )
+    assert run("quasars --number 500 --errors expected") == 1  # it is there already
+    assert run("quasars --number 500 --errors expected --acceleration -1,2,3 --overwrite") == 0
     assert Table.read(out).meta["ACC_X"] == -1
 
 
@@ -187,22 +164,11 @@ def test_output_of_vsh_sim_is_read(tmp_path, capsys):
 def test_observer_takes_part_in_the_flow(tmp_path):
     """Unless our velocity is given, it is that of the flow where we are and the Sun's in the Local Group."""
     path = tmp_path / "g.ecsv"
-    command = [
-        "galaxies",
-        "--number",
-        "300",
-        "--errors",
-        "expected",
-        "--redshifts",
-        "heliocentric",
-        "--output",
-        str(path),
-    ]
-    assert main([*command, "--flow", "linear"]) == 0
+    command = f"galaxies --number 300 --errors expected --redshifts heliocentric --flow linear --output {path}".split()
+    assert main(command) == 0
     truth = truth_of(path)
     rest = truth["velocity"].value - truth["group"].value
     np.testing.assert_allclose(rest, SUN_IN_LOCAL_GROUP.to_frame("icrs").value, atol=1e-9)
     assert 50 < truth["group"].amplitude < 1500
-    again = [*command, "--flow", "linear", "--velocity", "300,10,20", "--overwrite"]
-    assert main(again) == 0
+    assert main([*command, "--velocity", "300,10,20", "--overwrite"]) == 0
     assert "group" not in truth_of(path)

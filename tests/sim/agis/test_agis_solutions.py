@@ -1,13 +1,11 @@
 """From observations to a field: starts, stopping, checkpoints, frames, global motions."""
 
 import dataclasses
-import subprocess
-import sys
 import textwrap
 
 import numpy as np
 import pytest
-from conftest import POSIX
+from conftest import POSIX, run_python
 
 import fit
 import sim
@@ -129,13 +127,10 @@ def test_killed_by_the_system_too(tmp_path):
         found = system.solve(*agis.observations(system.scans, 1), checkpoint=sys.argv[1], watch=watch)
         print(found.sources.tobytes().hex()[:4000], found.iterations)
     """)
-    run = [sys.executable, "-c", script]
-    whole = subprocess.run([*run, str(tmp_path / "a.npz"), "-1"], capture_output=True, text=True, check=True)
-    killed = subprocess.run([*run, str(tmp_path / "b.npz"), "13"], capture_output=True, text=True, check=False)
-    assert killed.returncode == -9
+    whole = run_python("-c", script, tmp_path / "a.npz", -1)
+    run_python("-c", script, tmp_path / "b.npz", 13, status=-9)
     assert (tmp_path / "b.npz").exists()
-    again = subprocess.run([*run, str(tmp_path / "b.npz"), "-1"], capture_output=True, text=True, check=True)
-    assert again.stdout == whole.stdout
+    assert run_python("-c", script, tmp_path / "b.npz", -1).stdout == whole.stdout
 
 
 def test_known_attitudes_pull_to_what_is_known(system):
