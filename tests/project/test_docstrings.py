@@ -213,3 +213,14 @@ def test_docstrings_open_with_a_verb_or_a_noun(path):
     kinds = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
     nodes = [node for node in ast.walk(parsed(path)) if isinstance(node, kinds)]
     assert [node.name for node in nodes if WEAK.match(ast.get_docstring(node) or "")] == []
+
+
+def test_figures_take_and_return_axes():
+    """Every figure can be drawn on axes that are given, and gives back those it is on."""
+    nodes = [node for path in FILES for node in ast.walk(parsed(path)) if isinstance(node, ast.FunctionDef)]
+    figures = [node for node in nodes if node.name.startswith("plot_") or node.name in ("plot", "corner", "trace")]
+    assert len(figures) > 60
+    for node in figures:
+        assert "ax" in [each.arg for each in node.args.kwonlyargs], node.name
+        assert ast.unparse(node.returns) in ("Axes", "AxesArray", "SkyAxes", "Any"), node.name
+        assert ast.get_docstring(node), node.name
