@@ -1,14 +1,11 @@
 """Oracles of the response of an attitude: the joint solution itself, and the closed form for stars held fixed."""
 
-from typing import Any
-
 import numpy as np
 from scipy.special import gammaln, lpmv
 
 from sim.agis._system import Iteration, System
 from sim.agis.passes._scans import spline_weights
 from vsh.basis import harmonics
-from vsh.modes import Modes
 from vsh.sky.sphere import triad
 from vsh.tools.errors import ConvergenceError, FrameError
 
@@ -21,15 +18,6 @@ def power_after_attitude_solution(l: int, kind: str, basic_angle: float = np.rad
 
     Harmonic m along the scan circle keeps sin²(mΓ/2) of its power; T moves along it as dP_lm/dθ at the equator, S as m
     P_lm. A rotation that changes with time (T of degree 1) is attitude, and nothing of it is left.
-
-    Parameters
-    ----------
-    l : int
-        The degree.
-    kind : {"T", "S"}
-        Toroidal or spheroidal.
-    basic_angle : float
-        Angle between the fields of view. [rad]
     """
     m = np.arange(l + 1)
     norm = np.exp((gammaln(l - m + 1) - gammaln(l + m + 1)) / 2)
@@ -44,22 +32,6 @@ def power_after_attitude_solution(l: int, kind: str, basic_angle: float = np.rad
 class ExactResponse:
     """Response of the attitude to templates by the joint solution: for small problems, and to try `Response` on.
 
-    Parameters
-    ----------
-    system : System
-        The sources from which the attitude was solved, those whose epochs are looked at among them or not, in ICRS.
-    tolerance : float
-        Tolerance of the conjugate gradients: the largest preconditioned residual, of the template itself.
-    iterations : int
-        The largest number of them.
-
-    Raises
-    ------
-    FrameError
-        If the sources are not in ICRS.
-
-    Notes
-    -----
     Each template costs a joint solution, and there are 2 × 70 for a wave at degree 5: 65 CPU seconds in all with 1500
     sources and knots of 3000 s. Times are counted from the middle of the mission.
     """
@@ -69,37 +41,10 @@ class ExactResponse:
         if system.scans.frame != "icrs":
             raise FrameError(f"observations stand in ICRS, the sources of this solution in {system.scans.frame} axes")
         self.tolerance, self.iterations = tolerance, iterations
-        self._taken: dict[Any, Any] = {}
+        self._taken = {}
 
-    def left(
-        self,
-        lon: Any,
-        lat: Any,
-        scan: Any,
-        time: Any,
-        modes: Modes,
-        functions: Any,
-        *,
-        view: Any | None = None,  # as in Response; one attitude is for both fields of view
-    ) -> Any:
-        """Compute what the attitude leaves along scan of functions times modes, (k, F p), as does
-        `Response.left`.
-
-        Parameters
-        ----------
-        lon, lat : (k,) arrays
-            Where the source of each observation is. [rad, ICRS]
-        scan : (2, k) array
-            Direction of each scan, east and north.
-        time : (k,) array
-            Time since the middle of the mission. [yr]
-        modes : Modes
-            What is seen of the sky.
-        functions : function
-            From times to the functions at them, (F, k).
-        view : (k,) array, optional
-            Not used.
-        """
+    def left(self, lon, lat, scan, time, modes, functions, *, view=None):  # one attitude is for both fields of view
+        """Compute what the attitude leaves along scan of functions times modes, (k, F p), as does `Response.left`."""
         attitude = self.taken(modes, functions)
         p, q, _ = triad(lon, lat)
         basis = harmonics(lon, lat, modes)
@@ -113,26 +58,8 @@ class ExactResponse:
             remainder += weight[:, None] * np.einsum("ik,kif->kf", normal, attitude[knot + i])
         return remainder
 
-    def taken(self, modes: Modes, functions: Any) -> Any:
-        """Compute what the attitude takes of each of the `functions` times each of the `modes`, kept for the next time.
-
-        Parameters
-        ----------
-        modes : Modes
-            Modes of the templates.
-        functions : function
-            From times to the functions at them, (F, k).
-
-        Returns
-        -------
-        (coefficients, 3, F p) array
-            Coefficients of the attitude's spline.
-
-        Raises
-        ------
-        ConvergenceError
-            If the iterations do not do.
-        """
+    def taken(self, modes, functions):
+        """Compute the coefficients (c, 3, F p) that the attitude takes of functions times modes, kept for the next time."""
         scans, passes = self.system.scans, self.system.passes
         key = modes, functions(scans.time() - scans.middle).tobytes()
         if key in self._taken:
@@ -162,10 +89,7 @@ class ExactResponse:
                 if residual < self.tolerance:
                     break
             else:
-                raise ConvergenceError(
-                    f"what the attitude takes of templates is known to {residual:.1g} after {self.iterations} "
-                    f"iterations, not to {self.tolerance:g}: allow more iterations, or a larger tolerance"
-                )
+                raise ConvergenceError(f"templates are known to {residual:.1g} after {self.iterations} iterations")
             attitude_rhs = np.stack(of_attitude, axis=-1) - passes.to_attitude(work.x)
             coefficients[..., start : start + len(numbers)] = self.system.attitude_of(attitude_rhs)
         self._taken = {key: coefficients}

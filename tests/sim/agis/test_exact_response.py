@@ -61,7 +61,7 @@ def test_fields_come_back(system):
 
 
 def test_messages(system):
-    with pytest.raises(ConvergenceError, match=r"what the attitude takes of templates is known to .* after 1 iter"):
+    with pytest.raises(ConvergenceError, match="templates are known to .* after 1 iterations"):
         ExactResponse(system, iterations=1).taken(Modes(1), in_time.waves(2.0))
     law = sim.NominalScanningLaw(years=1.0, frame="ecliptic")
     other = agis.System(agis.scans(law, system.scans.lon, system.scans.lat, 1.0, 5.0, knots=86400.0))
