@@ -138,17 +138,23 @@ class Handler(BaseHTTPRequestHandler):
 
 
 @contextmanager
-def serving(table):
-    """The address of a service and what steers it."""
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    server.service = Service(table)
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
-    thread.start()
+def running(handler):
+    """A server on this machine whose requests a handler answers, and its address."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
     try:
-        yield f"http://127.0.0.1:{server.server_port}/tap", server.service
+        yield server, f"http://127.0.0.1:{server.server_port}"
     finally:
         server.shutdown()
         server.server_close()
+
+
+@contextmanager
+def serving(table):
+    """The address of a service and what steers it."""
+    with running(Handler) as (server, address):
+        server.service = Service(table)
+        yield f"{address}/tap", server.service
 
 
 @contextmanager
@@ -170,10 +176,5 @@ def posting(reply):
             self.end_headers()
             self.wfile.write(body)
 
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Posted)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    try:
-        yield f"http://127.0.0.1:{server.server_port}", asked
-    finally:
-        server.shutdown()
-        server.server_close()
+    with running(Posted) as (_, address):
+        yield address, asked

@@ -2,12 +2,13 @@
 
 import http.server
 import os
-import threading
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import random_field
+from tap_server import running
 
 import fit
 from fit.commands.fit import main
@@ -74,11 +75,8 @@ class Ranges(http.server.SimpleHTTPRequestHandler):
 def server(folder):
     pytest.importorskip("aiohttp")
     handler = type("Handler", (Ranges,), {"sent": 0, "dies_after": None})
-    made = http.server.ThreadingHTTPServer(("127.0.0.1", 0), lambda *a, **k: handler(*a, directory=str(folder), **k))
-    threading.Thread(target=made.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{made.server_address[1]}", handler
-    made.shutdown()
-    made.server_close()
+    with running(partial(handler, directory=str(folder))) as (_, address):
+        yield address, handler
 
 
 def test_a_part_that_is_replaced_on_the_server_ends_the_fit(server, folder):
