@@ -10,19 +10,12 @@ UNITS = dict.fromkeys(["ra", "dec"], "deg") | dict.fromkeys(["pmra", "pmdec", "p
 
 def table(units=True):
     rng = np.random.default_rng(1)
-    columns = {
-        "source_id": 4_000_000_000_000_000_001 + np.arange(N),
-        "ra": rng.uniform(0, 360, N),
-        "dec": rng.uniform(-90, 90, N),
-        "pmra": rng.normal(size=N),
-        "pmdec": rng.normal(size=N),
-        "pmra_error": rng.uniform(0.1, 1, N),
-        "pmdec_error": rng.uniform(0.1, 1, N),
-        "pmra_pmdec_corr": rng.uniform(-0.5, 0.5, N),
-        "phot_g_mean_mag": rng.uniform(15, 20, N),
-        "redshift_qsoc": rng.uniform(0.5, 3, N),
-    }
-    out = Table(columns)
+    out = Table({"source_id": 4_000_000_000_000_000_001 + np.arange(N)})
+    out["ra"], out["dec"] = rng.uniform(0, 360, N), rng.uniform(-90, 90, N)
+    out["pmra"], out["pmdec"] = rng.normal(size=(2, N))
+    out["pmra_error"], out["pmdec_error"] = rng.uniform(0.1, 1, (2, N))
+    out["pmra_pmdec_corr"] = rng.uniform(-0.5, 0.5, N)
+    out["phot_g_mean_mag"], out["redshift_qsoc"] = rng.uniform(15, 20, N), rng.uniform(0.5, 3, N)
     if units:
         for name, unit in UNITS.items():
             out[name].unit = unit

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from conftest import random_field
 
-from vsh import Classes, Field
+from vsh import Classes
 from vsh.io.catalogue import parts, read_field
 from vsh.tools.errors import DegeneracyError, FrameError, ParameterError
 
@@ -12,9 +13,7 @@ VALUES = np.array([17.0, 18.0, 18.5, 19.0, 21.0, np.nan])
 
 @pytest.fixture
 def field():
-    rng = np.random.default_rng(1)
-    lon, lat = rng.uniform(0, 6.28, 400), np.arcsin(rng.uniform(-1, 1, 400))
-    return Field(lon, lat, rng.normal(size=(2, 400)), np.ones((2, 400)))
+    return random_field(400, 1)
 
 
 def counts(classes):
@@ -39,7 +38,6 @@ def test_bins_leave_out_what_is_outside():
     ]
 
 
-@pytest.mark.filterwarnings("ignore:warning. half of the errors are below")
 def test_conditions_select_what_masks_do(field, tmp_path):
     """The same text of a command and edges of a column: no source in two classes, none without a value."""
     path = tmp_path / "c.fits"
@@ -62,7 +60,6 @@ def test_parts_have_as_many_sources_each():
         Classes.by_parts("z", np.ones(5), 4)
 
 
-@pytest.mark.filterwarnings("ignore:warning. half of the errors are below")
 def test_halves_in_memory_and_in_parts(field, tmp_path):
     halves = Classes.by_halves("galactic")
     assert halves.labels == ("northern galactic half", "southern galactic half")

@@ -7,19 +7,15 @@ import pytest
 from astropy.io import fits as astropy_fits
 from astropy.io.votable.exceptions import VOWarning
 from astropy.table import Table
+from conftest import random_field
 
-from vsh import Field
 from vsh.io.catalogue import read_field, read_scalars, read_sources
 from vsh.sky.frames import AXES
 from vsh.tools.errors import TableError
 
-N = 40
-
 
 def sky(frame="icrs"):
-    rng = np.random.default_rng(1)
-    lon, lat = rng.uniform(0, 2 * np.pi, N), np.arcsin(rng.uniform(-1, 1, N))
-    return Field(lon, lat, rng.normal(0, 300, (2, N)), rng.uniform(50, 90, (2, N)), frame="icrs").to_frame(frame)
+    return random_field(40, 1).to_frame(frame)
 
 
 def plain(field):

@@ -1,6 +1,8 @@
 """One reader a format, for files and streams alike; no number that was not checked."""
 
 import gzip
+import io
+import re
 import warnings
 
 import numpy as np
@@ -20,26 +22,15 @@ from vsh.tools.errors import EmptyFieldError, FieldError, TableError
 
 def gaia_bulk(path, wide=True, first=0):
     """A file as Gaia hands them round: ECSV inside, .csv.gz by name, commas, null, quoted designations."""
-    t = table(units=False)
+    t, text = table(), io.StringIO()
     t["source_id"] += first
-    order = ["source_id", "designation", *[n for n in t.colnames if n != "source_id"], *(["extra"] if wide else [])]
-    kinds = dict.fromkeys(order, "float64") | {"source_id": "int64", "designation": "string", "extra": "string"}
-    units = dict.fromkeys(["ra", "dec"], "deg") | dict.fromkeys(
-        ["pmra", "pmdec", "pmra_error", "pmdec_error"], "mas.yr**-1"
-    )
-    lines = ["# %ECSV 1.0", "# ---", "# delimiter: ','", "# datatype:"]
-    lines += [
-        f"# - {{name: {n}, " + (f"unit: {units[n]}, " if n in units else "") + f"datatype: {kinds[n]}}}" for n in order
-    ]
-    lines += ["# meta: {release: Gaia XX}", ",".join(order)]
-    for row in t:
-        cells = {n: repr(row[n].item()) for n in t.colnames} | {
-            "designation": f'"Gaia DR3 {row["source_id"]}"',
-            "extra": "null",
-        }
-        lines.append(",".join(cells[n] for n in order))
-    with gzip.open(path, "wt", encoding="utf-8") as file:
-        file.write("\n".join(lines) + "\n")
+    t.add_column([f"Gaia DR3 {name}" for name in t["source_id"]], 1, "designation")
+    if wide:
+        t["extra"] = "null"
+    t.meta["release"] = "Gaia XX"
+    t.write(text, format="ascii.ecsv", delimiter=",")
+    quoted = re.sub(r"Gaia DR3 \d+", r'"\g<0>"', text.getvalue().replace("mas / yr", "mas.yr**-1"))
+    path.write_bytes(gzip.compress(quoted.encode()))
     return path
 
 

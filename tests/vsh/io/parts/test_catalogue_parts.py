@@ -12,7 +12,7 @@ from conftest import POSIX
 
 import fit
 from fit import Moments
-from vsh import Field
+from vsh import Field, Modes
 from vsh.io import tables
 from vsh.io.catalogue import parts, read_field
 from vsh.io.parts import InProcess, Parts, Processes, SumTree, as_parts, median, weighted_quantiles
@@ -195,11 +195,9 @@ def test_tree_is_the_same_however_it_is_grown():
 
 def test_rows_that_cannot_be_used(tmp_path):
     for i, field in enumerate(FIELDS[:3]):
-        table = {"ra": np.degrees(field.lon), "dec": np.degrees(field.lat)} | {
-            name: np.array(column) for name, column in zip(
-                ("pmra", "pmdec", "pmra_error", "pmdec_error"), [*field.motion / 1000, *field.sigma / 1000], strict=True)}  # fmt: skip
+        table = field.to_table()
         table["pmra"][: (3, len(field), 0)[i]] = np.nan
-        tables.write_columns(tmp_path / f"{i}.parquet", table)
+        table.write(tmp_path / f"{i}.parquet")
     found = fit.normal_equations(parts(tmp_path, on_bad="drop"), 2)
     kept = len(FIELDS[0]) - 3 + len(FIELDS[2])
     assert found.n_data == 2 * kept
@@ -225,12 +223,9 @@ def test_files_that_differ_are_refused(tmp_path):
     FIELDS[0].write(tmp_path / "a.fits")
     plain = tables.read_table(tmp_path / "a.fits")
     for change, said in [
-        (
-            lambda table: table.remove_column("pmra_pmdec_corr"),
-            r"b\.fits has no column pmra_pmdec_corr, which .*a\.fits has",
-        ),
-        (lambda table: setattr(table["pmra"], "unit", "uas/yr"), r"b\.fits has pmra in uas yr-1|b\.fits has pmra in "),
-    ]:
+        (lambda table: table.remove_column("pmra_pmdec_corr"), r"b\.fits has no column pmra_pmdec_corr, which .*a\.fits has"),
+        (lambda table: setattr(table["pmra"], "unit", "uas/yr"), r"b\.fits has pmra in "),
+    ]:  # fmt: skip
         other = plain.copy()
         change(other)
         other.write(tmp_path / "b.fits", overwrite=True)
@@ -308,7 +303,7 @@ def test_objects_that_are_no_parts(folder):
     with pytest.raises(ParameterError, match="a step is a function"):
         parts(folder).map(3)
     with pytest.raises(ParameterError, match="is a function of a Field, not a Modes"):
-        parts(folder).sum(fit.Moments and __import__("vsh").Modes(3))
+        parts(folder).sum(Modes(3))
     with pytest.raises(ParameterError, match="what a step returns must be Field, not int"):
         parts(folder).map(len).sum(len)
     with pytest.raises(ParameterError, match="cannot be sent to other processes"):
