@@ -131,7 +131,7 @@ BREAKS = [
     ("vsh/field.py", "np.concatenate(columns, axis=-1)", "np.concatenate(columns[::-1], axis=-1)", "test_field.py"),
     ("vsh/io/catalogue/_read.py", "if raw and flat and (is_placeholder", "if raw and not flat and (is_placeholder", "test_bad_input.py"),
     ("vsh/sky/frames.py", '"pmra": moves.d_lon_coslat', '"pmra": moves.d_lat', "test_field_tables.py"),
-    ("vsh/field.py", '{} if self.frame == "icrs" else', "{} if self.frame else", "test_field_tables.py"),
+    ("vsh/field.py", '{} if self.frame == "icrs" else', "{} if self.frame else", "test_round_trips.py"),
     ("vsh/tools/notebook.py", "<li>{escape(item)}</li>", "<li>{item}</li>", "test_field_tables.py"),
     ("vsh/commands/parsing.py", "names if names & set(settings) else set()", "set()", "test_configuration.py"),
     ("vsh/commands/parsing.py", ", parse_float=str", "", "test_configuration.py"),

@@ -94,8 +94,9 @@ def test_what_a_field_wrote_is_read_as_one(frame, tmp_path):
     for ending in ("fits", "h5"):
         field.write(tmp_path / f"f.{ending}", {"NOTE": "a test"})
         assert_same(vsh.read(tmp_path / f"f.{ending}"), field)
-    assert field.to_table()[AXES[frame][2]].unit == "mas/yr"
-    assert_same(vsh.read_field(field.to_table()), field)
+    table = field.to_table()
+    assert (table[AXES[frame][2]].unit, table.meta.get("FRAME", "icrs")) == ("mas/yr", frame)
+    assert_same(vsh.read_field(table), field)
 
 
 def test_distances_of_a_table_of_somebody_else_are_for_users_to_say():
