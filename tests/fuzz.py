@@ -17,8 +17,21 @@ from collections import Counter
 from functools import partial
 from pathlib import Path
 
+import healpy
 import numpy as np
+from astropy.io import fits
+from astropy.table import Table
 
+import fit
+import sim
+from fit import storage
+from fit.correlation import correlation_matrices, leakage, predict_covariance
+from fit.posterior import _sampling as _checkpoint
+from fit.redshift import binned
+from fit.secular_parallax import observer_velocity
+from vsh.io import catalogue, maps, tables
+from vsh.io.epochs import read_epochs
+from vsh.models.covariance import read_covariance
 from vsh.tools.errors import VshError
 
 #: A reader that takes longer hangs. [s]
@@ -30,24 +43,15 @@ ROWS = 40
 
 def make_files(folder):
     """A whole file for each reader: a dict of name to (path, function that reads it)."""
-    import fit
-    import sim
-    from fit import storage
-    from fit.correlation import correlation_matrices, leakage, predict_covariance
-    from fit.posterior import _sampling as _checkpoint
-    from fit.redshift import binned
-    from fit.secular_parallax import observer_velocity
-    from vsh.io import maps
-
     field = sim.observe(sim.galaxies(ROWS, 1), sim.spin((1, 2, 3)), rng=2, sigma=50.0)
     files = {}
 
     for ending in ("fits", "fits.gz", "ecsv", "ecsv.gz", "csv", "csv.gz", "vot", "parquet"):
         path = folder / f"field.{ending}"
         field.write(path, {"SPIN_X": 1.0})
-        files[f"read_field {ending}"] = path, _field
-        files[f"stream_fields {ending}"] = path, _stream
-        files[f"tables.read {ending}"] = path, _table
+        files[f"read_field {ending}"] = path, catalogue.read_field
+        files[f"stream_fields {ending}"] = path, lambda path: list(catalogue.stream_fields(path, rows=16))
+        files[f"tables.read {ending}"] = path, tables.read_table
     bins = binned(field, 1, 2)
     results = {
         "Solution": fit.fit_field(field, 2), "FrameSolution": fit.solve_frame(field), "BinnedSolution": bins,
@@ -61,23 +65,19 @@ def make_files(folder):
             files[f"{name}.{ending}"] = path, storage.read
     icrf = "ICRF J{0:02d}0020.3-3221{0:02d} 2357-326   D   {0:02d} 00 20.39996890 -32 {0:02d} 01.2335800 0.00002000 0.0003000 0.1000\n"
     (folder / "icrf.txt").write_text("heading\n" + "".join(icrf.format(k) for k in range(20)))
-    files["read_icrf"] = folder / "icrf.txt", _icrf
-    import healpy
-
+    files["read_icrf"] = folder / "icrf.txt", catalogue.read_icrf
     healpy.write_map(str(folder / "map.fits"), np.arange(12.0 * 16), dtype=float, overwrite=True)
     files["read_map"] = folder / "map.fits", maps.read_map
     marks = {"data": "x"}
     chain = np.random.default_rng(1).normal(size=(20, 8, 4))
     _checkpoint.save(folder / "chain.npz", marks, chain, chain[..., 0], np.random.RandomState(1).get_state())
-    files["checkpoint"] = folder / "chain.npz", _chain
+    files["checkpoint"] = folder / "chain.npz", partial(_checkpoint.load, fingerprint=marks)
     files |= _further(folder, field)
     return files
 
 
 def _further(folder, field):
     """Epochs, covariances, whole tables of other formats, partitions and properties of HATS."""
-    from astropy.table import Table
-
     rng = np.random.default_rng(3)
     n = 3 * ROWS
     angle, when = rng.uniform(0, 360, n), np.sort(rng.uniform(5, 9, n)) * 3.15576e16
@@ -90,15 +90,16 @@ def _further(folder, field):
     for ending in ("ecsv", "fits"):
         path = folder / f"epochs.{ending}"
         epochs.write(path)
-        files[f"read_epochs {ending}"] = path, _epochs
+        files[f"read_epochs {ending}"] = path, read_epochs
     matrix = np.eye(2 * ROWS) + 0.1
     np.save(folder / "matrix.npy", matrix)
     np.savetxt(folder / "matrix.txt", matrix)
-    from astropy.io import fits
-
     fits.PrimaryHDU(matrix).writeto(folder / "matrix.fits")
     for ending in ("npy", "txt", "fits"):
-        files[f"covariance {ending}"] = folder / f"matrix.{ending}", _matrix
+        files[f"covariance {ending}"] = (
+            folder / f"matrix.{ending}",
+            lambda path: np.asarray(read_covariance(path).matrix),
+        )
     table = field.to_table()
     table.meta.clear()
     for name in table.colnames:
@@ -117,65 +118,19 @@ def _further(folder, field):
     return files
 
 
-def _epochs(path):
-    from vsh.io.epochs import read_epochs
-
-    return read_epochs(path)
-
-
-def _matrix(path):
-    from vsh.models.covariance import read_covariance
-
-    return np.asarray(read_covariance(path).matrix)
-
-
 def _told(path, units, ending):
-    from vsh.io.catalogue import read_field
-
     form = "ascii" if ending == "dat" else None
-    return read_field(path, units=dict(pair.split("=") for pair in units.split(",")), format=form)
+    return catalogue.read_field(path, units=dict(pair.split("=") for pair in units.split(",")), format=form)
 
 
 def _hats(path, partition=None):
-    from vsh.io.catalogue import parts
-
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place, "dataset", "Norder=0", "Dir=0")
         folder.mkdir(parents=True)
         (folder / "Npix=0.parquet").write_bytes((partition or path).read_bytes())
         told = path.read_bytes() if partition else b"obs_collection=x\ndataproduct_type=object\n"
         Path(place, "hats.properties").write_bytes(told)
-        return [field._with(notes=()) for field in parts(place)]
-
-
-def _field(path):
-    from vsh.io.catalogue import read_field
-
-    return read_field(path)
-
-
-def _stream(path):
-    from vsh.io.catalogue import stream_fields
-
-    return list(stream_fields(path, rows=16))
-
-
-def _table(path):
-    from vsh.io import tables
-
-    return tables.read_table(path)
-
-
-def _icrf(path):
-    from vsh.io.catalogue import read_icrf
-
-    return read_icrf(path)
-
-
-def _chain(path):
-    from fit.posterior import _sampling as _checkpoint
-
-    return _checkpoint.load(path, {"data": "x"})
+        return [field._with(notes=()) for field in catalogue.parts(place)]
 
 
 def mutate(content, rng):
@@ -214,12 +169,12 @@ def mutate(content, rng):
     return gzip.compress(bytes(data), mtime=0) if packed else bytes(data)
 
 
-def outcome(read_covariance, path, whole):
+def outcome(read, path, whole):
     """What a reader makes of a file: "refused", "same", "changed", or the name of what it should not raise."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            found = read_covariance(path)
+            found = read(path)
     except VshError as error:
         message = str(error)
         return "refused" if len(message) > 10 and "\x1b" not in message else f"bare: {message!r}"
