@@ -75,18 +75,12 @@ def test_every_command_has_its_page():
         assert re.search(rf"^```{{sample}}[^`]*^{command} ", text, re.MULTILINE), f"show on {path.name} what it prints"
 
 
-def test_options_have_long_names():
-    """By these `run.toml` keeps them."""
-    for command in COMMANDS:
-        for action in words_of(command).make_parser()._actions:
-            if action.dest != "help":
-                assert all(option.startswith("--") for option in action.option_strings), action.option_strings
-
-
-def test_every_option_of_a_command_has_a_word_of_help():
-    for command in COMMANDS:
-        parser = words_of(command).make_parser()
-        assert all(action.help for action in parser._actions)
+@for_each(COMMANDS)
+def test_options_have_long_names_and_help(command):
+    """By these names `run.toml` keeps them."""
+    for action in words_of(command).make_parser()._actions:
+        assert action.help, action.dest
+        assert action.dest == "help" or all(option.startswith("--") for option in action.option_strings), action.dest
 
 
 @for_each(PAGES, name)

@@ -60,8 +60,6 @@ def test_seed_is_all_there_is():
 
 
 def test_wrong_names_are_told_the_right_ones():
-    with pytest.raises(ValueError, match="unknown sky 'flat': choose one of uniform"):
-        sim.quasars(10, rng=1, sky="flat")
     with pytest.raises(ValueError, match="unknown release 'DR9': choose one of DR3"):
         sim.gaia_errors(np.array([20.0]), "DR9")
     with pytest.raises(ValueError, match="18 < G ≤ 21"):

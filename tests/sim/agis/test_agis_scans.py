@@ -1,12 +1,15 @@
 """Transits in the order of time: against the scanning law, in memory and on disk."""
 
 import mmap
+import sys
 
 import numpy as np
 import pytest
 
 import sim
 from sim.agis import System, observations, plan, scans
+from vsh.sky.frames import rotation_matrix
+from vsh.sky.sphere import triad
 from vsh.tools.errors import DegeneracyError, ParameterError, VshWarning
 
 LAW = sim.NominalScanningLaw(years=1.0)
@@ -35,9 +38,6 @@ def test_parallax_factors_are_the_barycentre_seen_along_and_across():
     found = make()
     size = np.hypot(found.along_factor, found.across_factor)
     sun, distance = LAW.sun(found.time())
-    from vsh.sky.frames import rotation_matrix
-    from vsh.sky.sphere import triad
-
     here = triad(QUASARS.lon, QUASARS.lat)[2][:, found.source]
     elongation = np.arccos(np.sum(rotation_matrix("ecliptic", "icrs") @ sun * here, 0))
     np.testing.assert_allclose(size, 1.01 * distance * np.sin(elongation), atol=1e-5)
@@ -163,6 +163,7 @@ def test_days_without_transits_are_no_error():
 
 
 def test_messages(monkeypatch):
+    found = make()
     with pytest.raises(DegeneracyError, match="no across-scan data: .* coefficient 0 of the attitude"):
         System(make(across=None))
     with pytest.raises(DegeneracyError, match="no across-scan data"):
@@ -183,17 +184,11 @@ def test_messages(monkeypatch):
     monkeypatch.setattr("sim.agis.passes._scans.free_memory", lambda: 1e4)
     with pytest.raises(ParameterError, match="transits would need .* GiB, and 0.0 GiB are free: give a folder="):
         make()
-    ready = make
-    monkeypatch.setattr("sim.agis.passes._scans.free_memory", lambda: np.inf)
-    found = ready()
-    monkeypatch.setattr("sim.agis.passes._scans.free_memory", lambda: 1e4)
     with pytest.raises(ParameterError, match="the normal equations would need .* GiB"):
         System(found)
 
 
 def test_without_numba_many_transits_are_refused(monkeypatch):
-    import sys
-
     found = make()
     monkeypatch.setattr("sim.agis.passes._make.COMPILED_FROM", 0)
     monkeypatch.setitem(sys.modules, "sim.agis.passes._kernels", None)

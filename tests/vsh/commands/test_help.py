@@ -5,7 +5,7 @@ import shlex
 
 import numpy as np
 import pytest
-from conftest import DATA, POSIX, ROOT, run_python
+from conftest import DATA, POSIX, run_python
 
 import sim
 from vsh.__main__ import module_of
@@ -19,7 +19,6 @@ def examples(command):
     options = module_of(command)
     lines = options.make_parser().epilog.splitlines()
     assert lines[-1] == f"full documentation: docs/commands/vsh-{command}.md"
-    assert (ROOT / "docs" / "commands" / f"vsh-{command}.md").exists()
     return [line.strip() for line in lines if line.startswith("  vsh-")]
 
 

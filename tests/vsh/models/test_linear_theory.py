@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from vsh.models.flows import LINEAR_PLANCK18, LinearTheory, VelocityGrid, flow_modes, read_velocity_grid
-from vsh.sky.sphere import triad
+from vsh.sky.frames import rotation_matrix
+from vsh.sky.sphere import angles, triad
 from vsh.tools.errors import ParameterError, TableError
 
 
@@ -130,9 +131,6 @@ def test_grid_is_interpolated_in_its_own_axes():
     velocity, inside = grid.at(lon, lat, r, "galactic")
     np.testing.assert_allclose(velocity, [x, 2 * y, -z], atol=1e-9)
     assert inside.all()
-    from vsh.sky.frames import rotation_matrix
-    from vsh.sky.sphere import angles
-
     turn = rotation_matrix("galactic", "icrs")
     turned, _ = grid.at(*angles(turn @ triad(lon, lat)[2]), r, "icrs")
     np.testing.assert_allclose(turned, turn @ velocity, atol=1e-9)
@@ -152,12 +150,8 @@ def test_grids_are_written_and_read(tmp_path):
     np.save(tmp_path / "bad.npy", np.zeros((3, 4, 5, 6)))
     (tmp_path / "text.npz").write_text("no zip")
     np.savez(tmp_path / "other.npz", x=1)
-    for name, words in (
-        ("bad.npy", "shape"),
-        ("text.npz", "cannot be read"),
-        ("other.npz", "lacks"),
-        ("none.npy", "cannot be read"),
-    ):
+    damaged = {"bad.npy": "shape", "text.npz": "cannot be read", "other.npz": "lacks", "none.npy": "cannot be read"}
+    for name, words in damaged.items():
         with pytest.raises(TableError, match=words):
             read_velocity_grid(tmp_path / name)
 
