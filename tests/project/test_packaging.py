@@ -101,13 +101,10 @@ def test_commands_run_without_healpy(without_healpy, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "code",
-    [
-        "from vsh.tools.printing import import_quietly; import_quietly('corner')",
-        "import vsh.figures.plot, vsh.figures.page, study",
-    ],
-)
+@pytest.mark.parametrize("code", [
+    "from vsh.tools.printing import import_quietly; import_quietly('corner')",
+    "import vsh.figures.plot, vsh.figures.page, study",
+])  # fmt: skip
 def test_imports_warn_of_nothing_in_an_empty_home(code, tmp_path):
     """Arviz, which corner imports, warns once a day by a stamp in the user's cache."""
     home = {"HOME": str(tmp_path), "PATH": os.environ["PATH"]}

@@ -54,13 +54,10 @@ def test_no_recipe_is_forgotten():
     assert set(RECIPES) == {"folder", "choose", "archive", "epochs", "likelihood", *NEEDS, *SAMPLERS}
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[pytest.mark.slow] * (name in (*NEEDS, "epochs")))
-        for name in sorted(set(RECIPES) - {*SAMPLERS})
-    ],
-)
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (name in (*NEEDS, "epochs")))
+    for name in sorted(set(RECIPES) - {*SAMPLERS})
+])  # fmt: skip
 def test_recipe(name, tables):
     if name in NEEDS:
         pytest.importorskip(NEEDS[name], exc_type=ImportError)

@@ -71,16 +71,12 @@ def test_transits_are_where_the_views_are():
     assert np.degrees(np.abs(transits.across)).max() < 0.342
 
 
-@pytest.mark.parametrize(
-    "law",
-    [
-        LAW,
-        NominalScanningLaw(years=0.01),
-        NominalScanningLaw(spin_rate=6.0, half_height=np.radians(3.42), years=2),
-        NominalScanningLaw(pole_days=28, years=0.5, dead_time=0.1, rng=1, frame="ecliptic"),
-    ],
-    ids=["nominal", "days", "long spins", "poles and gaps"],
-)
+@pytest.mark.parametrize("law", [
+    LAW,
+    NominalScanningLaw(years=0.01),
+    NominalScanningLaw(spin_rate=6.0, half_height=np.radians(3.42), years=2),
+    NominalScanningLaw(pole_days=28, years=0.5, dead_time=0.1, rng=1, frame="ecliptic"),
+], ids=["nominal", "days", "long spins", "poles and gaps"])  # fmt: skip
 def test_compiled_loop_finds_the_same(law):
     pytest.importorskip("numba")
     lon, lat = sim.uniform_sky(400, rng=4)

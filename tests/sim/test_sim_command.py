@@ -84,14 +84,11 @@ def test_bad_usage_is_status_2(arguments, tmp_path, capsys):
     assert "vsh-sim: error: " in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--output", "x.dat"], "unrecognised format"),
-        (["--output", "none/x.fits"], "there is no such folder"),
-        (["--sky", "none.fits", "--output", "x.fits"], "cannot be read as a HEALPix map|No such file"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["--output", "x.dat"], "unrecognised format"),
+    (["--output", "none/x.fits"], "there is no such folder"),
+    (["--sky", "none.fits", "--output", "x.fits"], "cannot be read as a HEALPix map|No such file"),
+])  # fmt: skip
 def test_bad_data_is_status_1(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["quasars", "--number", "10", *arguments]) == 1

@@ -80,16 +80,13 @@ def test_small_classes_are_left_out():
     assert len(classes.of_at_least(7)) == 0
 
 
-@pytest.mark.parametrize(
-    ("make", "error", "words"),
-    [
-        (lambda: Classes.from_text("magnitude"), ParameterError, "COLUMN:EDGE"),
-        (lambda: Classes.from_text("magnitude:19,18"), ParameterError, "edges that rise"),
-        (lambda: Classes.by_edges("G", (19, 18)), ParameterError, "numbers that rise"),
-        (lambda: Classes.by_halves("equatorial"), FrameError, "unknown frame"),
-        (lambda: list(Classes.by_edges("G", (18,))), ParameterError, "have no masks"),
-    ],
-)
+@pytest.mark.parametrize(("make", "error", "words"), [
+    (lambda: Classes.from_text("magnitude"), ParameterError, "COLUMN:EDGE"),
+    (lambda: Classes.from_text("magnitude:19,18"), ParameterError, "edges that rise"),
+    (lambda: Classes.by_edges("G", (19, 18)), ParameterError, "numbers that rise"),
+    (lambda: Classes.by_halves("equatorial"), FrameError, "unknown frame"),
+    (lambda: list(Classes.by_edges("G", (18,))), ParameterError, "have no masks"),
+])  # fmt: skip
 def test_messages_name_the_error(make, error, words):
     with pytest.raises(error, match=words):
         make()

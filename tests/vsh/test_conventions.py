@@ -41,23 +41,20 @@ def test_power_is_the_integral():
     assert integral == pytest.approx(sum(c.power(kind, l) for kind in "TS" for l in (1, 2, 3)), rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("name", "mode", "factor"),
-    [
-        ("D1", ("S", 1, 1, "re"), -2.046653),
-        ("D2", ("S", 1, 1, "im"), 2.046653),
-        ("D3", ("S", 1, 0, "re"), 2.894405),
-        ("R1", ("T", 1, 1, "re"), 2.046653),
-        ("R2", ("T", 1, 1, "im"), -2.046653),
-        ("R3", ("T", 1, 0, "re"), -2.894405),
-        ("E20", ("S", 2, 0, "re"), np.sqrt(32 * np.pi / 15)),
-        ("M20", ("T", 2, 0, "re"), np.sqrt(32 * np.pi / 15)),
-        ("E21R", ("S", 2, 1, "re"), np.sqrt(4 * np.pi / 5)),
-        ("M21I", ("T", 2, 1, "im"), np.sqrt(4 * np.pi / 5)),
-        ("E22I", ("S", 2, 2, "im"), np.sqrt(16 * np.pi / 5)),
-        ("M22R", ("T", 2, 2, "re"), np.sqrt(16 * np.pi / 5)),
-    ],
-)
+@pytest.mark.parametrize(("name", "mode", "factor"), [
+    ("D1", ("S", 1, 1, "re"), -2.046653),
+    ("D2", ("S", 1, 1, "im"), 2.046653),
+    ("D3", ("S", 1, 0, "re"), 2.894405),
+    ("R1", ("T", 1, 1, "re"), 2.046653),
+    ("R2", ("T", 1, 1, "im"), -2.046653),
+    ("R3", ("T", 1, 0, "re"), -2.894405),
+    ("E20", ("S", 2, 0, "re"), np.sqrt(32 * np.pi / 15)),
+    ("M20", ("T", 2, 0, "re"), np.sqrt(32 * np.pi / 15)),
+    ("E21R", ("S", 2, 1, "re"), np.sqrt(4 * np.pi / 5)),
+    ("M21I", ("T", 2, 1, "im"), np.sqrt(4 * np.pi / 5)),
+    ("E22I", ("S", 2, 2, "im"), np.sqrt(16 * np.pi / 5)),
+    ("M22R", ("T", 2, 2, "re"), np.sqrt(16 * np.pi / 5)),
+])  # fmt: skip
 def test_unit_amplitudes_of_icrf3(name, mode, factor):
     c = from_icrf3({name: 1.0})
     expected = np.zeros(len(c.modes))

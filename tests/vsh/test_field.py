@@ -102,16 +102,13 @@ def test_poles_are_on_the_sky():
     assert len(Field.from_columns(**columns)) == 3
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"lat": np.zeros(2)}, r"lat has shape \(2,\), expected \(3,\)"),
-        ({"motion": np.zeros((3, 2))}, r"motion has shape \(3, 2\), expected \(2, 3\)"),
-        ({"sigma": -np.ones((2, 3))}, "3 of 3 rows cannot be used: σ ≤ 0"),
-        ({"rho": np.array([0, 0, 1.0])}, "1 of 3 rows cannot be used: ρ² ≥ 1 − 1e-6"),
-        ({"frame": "B1950"}, "unknown frame 'B1950'"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    ({"lat": np.zeros(2)}, r"lat has shape \(2,\), expected \(3,\)"),
+    ({"motion": np.zeros((3, 2))}, r"motion has shape \(3, 2\), expected \(2, 3\)"),
+    ({"sigma": -np.ones((2, 3))}, "3 of 3 rows cannot be used: σ ≤ 0"),
+    ({"rho": np.array([0, 0, 1.0])}, "1 of 3 rows cannot be used: ρ² ≥ 1 − 1e-6"),
+    ({"frame": "B1950"}, "unknown frame 'B1950'"),
+])  # fmt: skip
 def test_constructor_has_the_same_checks(change, message):
     good = {"lon": np.zeros(3), "lat": np.zeros(3), "motion": np.zeros((2, 3)), "sigma": np.ones((2, 3))}
     with pytest.raises(ValueError, match=message):

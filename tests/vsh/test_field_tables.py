@@ -58,14 +58,11 @@ def test_numbers_that_stand_for_none_are_no_motions():
             Field.from_columns([10.0], [20.0], [motion], [1.0], [1.0], [error])
 
 
-@pytest.mark.parametrize(
-    ("coord", "error", "words"),
-    [
-        (COORD.fk5, FrameError, "coordinates in fk5 are not supported: convert to icrs, galactic, bary"),
-        (SkyCoord(COORD.ra, COORD.dec), FieldError, "has no proper motions: give it pm_ra_cosdec and pm_dec"),
-        ([1, 2], FieldError, "a SkyCoord is expected, not list"),
-    ],
-)
+@pytest.mark.parametrize(("coord", "error", "words"), [
+    (COORD.fk5, FrameError, "coordinates in fk5 are not supported: convert to icrs, galactic, bary"),
+    (SkyCoord(COORD.ra, COORD.dec), FieldError, "has no proper motions: give it pm_ra_cosdec and pm_dec"),
+    ([1, 2], FieldError, "a SkyCoord is expected, not list"),
+])  # fmt: skip
 def test_tables_that_are_no_field(coord, error, words):
     with pytest.raises(error, match=words):
         Field.from_skycoord(coord, *ERRORS)

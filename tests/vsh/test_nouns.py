@@ -151,26 +151,23 @@ def test_frame_solutions_carry_notes_and_quality():
     assert found.reduced_chi2 == pytest.approx(found.chi2 / found.dof)
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda m: fit.fit_field(FIELD, m).coefficients.values,
-        lambda m: fit.normal_equations(FIELD, m).matrix,
-        lambda m: fit.gaussian_prior(m, 1.0).matrix,
-        lambda m: fit.resample.bootstrap(FIELD, m, 3, 1).replicates,
-        lambda m: fit.resample.block_bootstrap(FIELD, m, 2, 3, 1).replicates,
-        lambda m: fit.resample.jackknife(FIELD, m, 1).replicates,
-        lambda m: fit.clip(FIELD, m).solution.coefficients.values,
-        lambda m: fit.robust.student_t(FIELD, m).weights,
-        lambda m: fit.robust.excess_noise(FIELD, m).solution.sigma,
-        lambda m: binned(FIELD, m, 2).covariance,
-        lambda m: predict_covariance(FIELD, m).covariance,
-        lambda m: leakage(FIELD, m, 3).matrix,
-        lambda m: __import__("vsh.basis", fromlist=["x"]).harmonics(FIELD.lon, FIELD.lat, m),
-        lambda m: __import__("vsh.transform", fromlist=["x"]).adjoint(m, FIELD.lon, FIELD.lat, FIELD.motion),
-        lambda m: Coefficients(m, np.arange(16.0)).values,
-    ],
-)
+@pytest.mark.parametrize("call", [
+    lambda m: fit.fit_field(FIELD, m).coefficients.values,
+    lambda m: fit.normal_equations(FIELD, m).matrix,
+    lambda m: fit.gaussian_prior(m, 1.0).matrix,
+    lambda m: fit.resample.bootstrap(FIELD, m, 3, 1).replicates,
+    lambda m: fit.resample.block_bootstrap(FIELD, m, 2, 3, 1).replicates,
+    lambda m: fit.resample.jackknife(FIELD, m, 1).replicates,
+    lambda m: fit.clip(FIELD, m).solution.coefficients.values,
+    lambda m: fit.robust.student_t(FIELD, m).weights,
+    lambda m: fit.robust.excess_noise(FIELD, m).solution.sigma,
+    lambda m: binned(FIELD, m, 2).covariance,
+    lambda m: predict_covariance(FIELD, m).covariance,
+    lambda m: leakage(FIELD, m, 3).matrix,
+    lambda m: __import__("vsh.basis", fromlist=["x"]).harmonics(FIELD.lon, FIELD.lat, m),
+    lambda m: __import__("vsh.transform", fromlist=["x"]).adjoint(m, FIELD.lon, FIELD.lat, FIELD.motion),
+    lambda m: Coefficients(m, np.arange(16.0)).values,
+])  # fmt: skip
 def test_modes_are_modes_or_a_degree(call):
     # Threads of the transforms add in any order: the last bits vary from call to call.
     np.testing.assert_allclose(call(2), call(Modes(2)), rtol=1e-11)

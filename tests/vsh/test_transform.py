@@ -62,15 +62,12 @@ def test_fourier_moments_are_their_definition():
         np.testing.assert_allclose(found[:, 3 + m, 3 + n], expected, atol=1e-10)
 
 
-@pytest.mark.parametrize(
-    ("lon", "lat", "message"),
-    [
-        ([0.0, np.nan], [0.0, 0.0], "1 of 2 values of lon are not finite"),
-        ([0.0], [1.6], "beyond a pole: are they in radians"),
-        ([0.0, 1.0], [0.0], "one of each for a source"),
-        ([[0.0]], [[0.0]], "one of each for a source"),
-    ],
-)
+@pytest.mark.parametrize(("lon", "lat", "message"), [
+    ([0.0, np.nan], [0.0, 0.0], "1 of 2 values of lon are not finite"),
+    ([0.0], [1.6], "beyond a pole: are they in radians"),
+    ([0.0, 1.0], [0.0], "one of each for a source"),
+    ([[0.0]], [[0.0]], "one of each for a source"),
+])  # fmt: skip
 def test_ducc_never_sees_bad_positions(lon, lat, message):
     with pytest.raises(VshError, match=message):
         synthesis(random_coefficients(2, 1), lon, lat)

@@ -51,16 +51,13 @@ def test_functionals_are_checked_and_iterations_told():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("low", "high", "options"),
-    [
-        (1.4, 1.5, {"n": 10_000, "equal": True}),
-        (2.2, 2.5, {"n": 10_000}),
-        (1.03 - 0.005, 1.09, {"n": 10_000, "stars": 10_000}),
-        (1.03, 1.09, {"n": 10_000, "sky": "igql", "stars": 10_000}),
-        (9.0, 11.0, {"n": 10_000, "sky": "igql", "knots": 90.0}),
-    ],
-)
+@pytest.mark.parametrize(("low", "high", "options"), [
+    (1.4, 1.5, {"n": 10_000, "equal": True}),
+    (2.2, 2.5, {"n": 10_000}),
+    (1.03 - 0.005, 1.09, {"n": 10_000, "stars": 10_000}),
+    (1.03, 1.09, {"n": 10_000, "sky": "igql", "stars": 10_000}),
+    (9.0, 11.0, {"n": 10_000, "sky": "igql", "knots": 90.0}),
+])  # fmt: skip
 def test_solved_attitudes(low, high, options):
     assert low < ratio(*make(**options)) < high
 

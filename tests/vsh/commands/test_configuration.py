@@ -115,22 +115,19 @@ def test_written_by_hand(tmp_path):
     assert options.columns == {"redshift": "zq"}
 
 
-@pytest.mark.parametrize(
-    ("text", "words_of_it"),
-    [
-        ("lmax = 3", "lmax? A configuration has command, version, [options] and [files]"),
-        ("options = 3", "options and files? A configuration"),
-        ("[options]\nlmaxx = 3", "vsh-fit has no option 'lmaxx'; nearest: lmax"),
-        ("[options]\nlmax = 0", "a whole number of at least 1 is expected, not '0'"),
-        ("[options]\nlmax = false", "lmax is text, a number, true, or several of them, not False"),
-        ("[options]\nconfig = 'x.toml'", "no option 'config'"),
-        ("[options]\nwhen = 2020-01-01", "when is text, a number"),
-        ('command = "vsh-sim"\n[options]', "is a configuration of vsh-sim, not of vsh-fit"),
-        ("[options", "is no TOML file"),
-        ("\x00\xff", "is no TOML file"),
-        (None, "No such file"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words_of_it"), [
+    ("lmax = 3", "lmax? A configuration has command, version, [options] and [files]"),
+    ("options = 3", "options and files? A configuration"),
+    ("[options]\nlmaxx = 3", "vsh-fit has no option 'lmaxx'; nearest: lmax"),
+    ("[options]\nlmax = 0", "a whole number of at least 1 is expected, not '0'"),
+    ("[options]\nlmax = false", "lmax is text, a number, true, or several of them, not False"),
+    ("[options]\nconfig = 'x.toml'", "no option 'config'"),
+    ("[options]\nwhen = 2020-01-01", "when is text, a number"),
+    ('command = "vsh-sim"\n[options]', "is a configuration of vsh-sim, not of vsh-fit"),
+    ("[options", "is no TOML file"),
+    ("\x00\xff", "is no TOML file"),
+    (None, "No such file"),
+])  # fmt: skip
 def test_configurations_with_errors(text, words_of_it, tmp_path, capsys):
     path = tmp_path / "run.toml"
     if text is not None:

@@ -75,16 +75,13 @@ def test_backend_that_there_is_not(catalogue, tmp_path):
     assert shell(*words, environment={"MPLBACKEND": "nonsense"}).stderr == ""
 
 
-@pytest.mark.parametrize(
-    ("options", "status", "words"),
-    [
-        (["--dpi", "1"], 2, "20 to 2400 dots an inch"),
-        (["--lmax=--"], 2, "argument --lmax: '--' is no value"),
-        (["--workers", "{q}"], 1, "is no file of a scheduler"),
-        (["--output", "/proc/x"], 1, "the folder /proc cannot be written to"),
-        (["--html", "/proc/x.html"], 1, "the folder /proc cannot be written to"),
-    ],
-)
+@pytest.mark.parametrize(("options", "status", "words"), [
+    (["--dpi", "1"], 2, "20 to 2400 dots an inch"),
+    (["--lmax=--"], 2, "argument --lmax: '--' is no value"),
+    (["--workers", "{q}"], 1, "is no file of a scheduler"),
+    (["--output", "/proc/x"], 1, "the folder /proc cannot be written to"),
+    (["--html", "/proc/x.html"], 1, "the folder /proc cannot be written to"),
+])  # fmt: skip
 def test_options_that_cannot_be(options, status, words, catalogue, capsys):
     told = [each.format(q=catalogue) for each in options]
     try:

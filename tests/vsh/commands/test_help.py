@@ -93,15 +93,12 @@ def test_error_of_use_is_two_lines(capsys):
     ]
 
 
-@pytest.mark.parametrize(
-    ("kind", "there", "not_there"),
-    [
-        ("link", ["--spin", "--orientation"], ["--wave", "--flow", "--release", "--traps"]),
-        ("galaxies", ["--flow", "--velocity"], ["--wave", "--traps", "--orientation"]),
-        ("crf4", ["--traps", "--seed"], ["--sky", "--flow"]),
-        ("epochs", ["--wave", "--release"], ["--flow", "--positions", "--orientation"]),
-    ],
-)
+@pytest.mark.parametrize(("kind", "there", "not_there"), [
+    ("link", ["--spin", "--orientation"], ["--wave", "--flow", "--release", "--traps"]),
+    ("galaxies", ["--flow", "--velocity"], ["--wave", "--traps", "--orientation"]),
+    ("crf4", ["--traps", "--seed"], ["--sky", "--flow"]),
+    ("epochs", ["--wave", "--release"], ["--flow", "--positions", "--orientation"]),
+])  # fmt: skip
 def test_help_of_a_kind_shows_its_options(kind, there, not_there, capsys):
     with pytest.raises(SystemExit):
         module_of("sim").main([kind, "--help"])

@@ -17,18 +17,15 @@ def catalogue(tmp_path):
     return path
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--log", "{q}"], "is what is read"),
-        (["--html", "{q}", "--overwrite"], "is what is read"),
-        (["--output", "{folder}", "--overwrite", "--format", "none"], "holds"),
-        (["--log", "{mine}"], "holds something else than a log"),
-        (["--html", "{mine}"], "exists already: use --overwrite"),
-        (["--log", "{pipe}"], "is a pipe"),
-        (["--output", "{folder}/out", "--log", "{folder}/out/log.txt", "--format", "none"], "which the run writes"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    (["--log", "{q}"], "is what is read"),
+    (["--html", "{q}", "--overwrite"], "is what is read"),
+    (["--output", "{folder}", "--overwrite", "--format", "none"], "holds"),
+    (["--log", "{mine}"], "holds something else than a log"),
+    (["--html", "{mine}"], "exists already: use --overwrite"),
+    (["--log", "{pipe}"], "is a pipe"),
+    (["--output", "{folder}/out", "--log", "{folder}/out/log.txt", "--format", "none"], "which the run writes"),
+])  # fmt: skip
 def test_inputs_and_foreign_files_stay(options, words, catalogue, tmp_path, capsys):
     mine = tmp_path / "mine.txt"
     mine.write_text("precious")

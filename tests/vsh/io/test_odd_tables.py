@@ -119,17 +119,14 @@ def test_errors_in_radians_are_printed_in_degrees():
     assert table["lon_error"][0] == 0.1
 
 
-@pytest.mark.parametrize(
-    "names",
-    [
-        ("RA (deg)", "Dec (deg)", "PM RA (mas/yr)", "PM Dec (mas/yr)", "PM RA error", "PM Dec error"),  # ExoFOP
-        ("Gaia-RA", "Gaia-DEC", "pmra", "pmdec", "pmra-err", "pmdec-err"),
-        ("ra_gaia", "dec_gaia", "pmra", "pmdec", "pmra_error", "pmdec_error"),
-        ("ra", "dec", "muRA_masyr", "muDEC_masyr", "muRA_err", "muDEC_err"),  # SIMPLE
-        ("ra", "dec", "sy_pmra", "sy_pmdec", "sy_pmraerr1", "sy_pmdecerr1"),  # exoplanet archive
-        ("raj", "decj", "pmra", "pmdec", "pmra_err", "pmdec_err"),
-    ],
-)
+@pytest.mark.parametrize("names", [
+    ("RA (deg)", "Dec (deg)", "PM RA (mas/yr)", "PM Dec (mas/yr)", "PM RA error", "PM Dec error"),  # ExoFOP
+    ("Gaia-RA", "Gaia-DEC", "pmra", "pmdec", "pmra-err", "pmdec-err"),
+    ("ra_gaia", "dec_gaia", "pmra", "pmdec", "pmra_error", "pmdec_error"),
+    ("ra", "dec", "muRA_masyr", "muDEC_masyr", "muRA_err", "muDEC_err"),  # SIMPLE
+    ("ra", "dec", "sy_pmra", "sy_pmdec", "sy_pmraerr1", "sy_pmdecerr1"),  # exoplanet archive
+    ("raj", "decj", "pmra", "pmdec", "pmra_err", "pmdec_err"),
+])  # fmt: skip
 def test_names_that_people_give(names):
     table = Table([np.full(60, value) for value in (10.0, 20.0, 0.1, 0.2, 0.3, 0.4)], names=names)
     for name in names[2:]:

@@ -164,16 +164,13 @@ def test_bulk_flow_is_always_among_the_modes(nearest, farthest, n_modes):
     assert len(modes) <= n_modes
 
 
-@pytest.mark.parametrize(
-    ("limits", "options", "words"),
-    [
-        ((0.1, 0.01), {}, "must exceed nearest"),
-        ((700, 800), {}, "nearest must be below 600"),
-        ((5, 90), {"max_degree": -1}, "max_degree"),
-        ((5, 90), {"max_degree": "3"}, "max_degree"),
-        ((5, 90, 2), {}, "at least 3.*first three are the bulk flow"),
-    ],
-)
+@pytest.mark.parametrize(("limits", "options", "words"), [
+    ((0.1, 0.01), {}, "must exceed nearest"),
+    ((700, 800), {}, "nearest must be below 600"),
+    ((5, 90), {"max_degree": -1}, "max_degree"),
+    ((5, 90), {"max_degree": "3"}, "max_degree"),
+    ((5, 90, 2), {}, "at least 3.*first three are the bulk flow"),
+])  # fmt: skip
 def test_limits_of_flows_are_checked_as_they_are_given(limits, options, words):
     with pytest.raises(ParameterError, match=words):
         flow_modes(*limits, **options)

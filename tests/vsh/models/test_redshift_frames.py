@@ -96,16 +96,13 @@ def test_usable_redshifts_are_those_in_the_frame_of_the_background():
     assert with_redshift(bare, redshift_frame="heliocentric").redshift.tolist() == [-0.0005]
 
 
-@pytest.mark.parametrize(
-    ("columns", "words"),
-    [
-        ({"distance": [10.0, np.nan]}, "1 of 1 distances have no errors"),
-        ({"distance": [10.0, -3.0], "distance_error": [1.0, 1.0]}, "distance .*row 1.* not above zero"),
-        ({"distance": [10.0, 3.0], "distance_error": [1.0, 0.0]}, "distance_error .* not above zero"),
-        ({"redshift_error": [-1e-3, 0.0]}, "redshift_error .*row 0.* not zero or more"),
-        ({"redshift_frame": "galactic"}, "a redshift's frame is heliocentric"),
-    ],
-)
+@pytest.mark.parametrize(("columns", "words"), [
+    ({"distance": [10.0, np.nan]}, "1 of 1 distances have no errors"),
+    ({"distance": [10.0, -3.0], "distance_error": [1.0, 1.0]}, "distance .*row 1.* not above zero"),
+    ({"distance": [10.0, 3.0], "distance_error": [1.0, 0.0]}, "distance_error .* not above zero"),
+    ({"redshift_error": [-1e-3, 0.0]}, "redshift_error .*row 0.* not zero or more"),
+    ({"redshift_frame": "galactic"}, "a redshift's frame is heliocentric"),
+])  # fmt: skip
 def test_field_refuses_unknown_frames(columns, words):
     given = {"redshift": [0.01, 0.02]} | columns
     with pytest.raises((FieldError, ParameterError), match=words):

@@ -141,16 +141,13 @@ def test_ax_is_drawn_on():
         sky_axes("icrs", axes)
 
 
-@pytest.mark.parametrize(
-    ("how", "error", "words"),
-    [
-        ({"frame": "ICRF"}, FrameError, "unknown frame"),
-        ({"projection": "aitof"}, ParameterError, "projection"),
-        ({"centre": (0, 91)}, ParameterError, "centre is a longitude and a latitude"),
-        ({"centre": 3}, ParameterError, "centre"),
-        ({"centre": (np.nan, 0)}, ParameterError, "centre"),
-    ],
-)
+@pytest.mark.parametrize(("how", "error", "words"), [
+    ({"frame": "ICRF"}, FrameError, "unknown frame"),
+    ({"projection": "aitof"}, ParameterError, "projection"),
+    ({"centre": (0, 91)}, ParameterError, "centre is a longitude and a latitude"),
+    ({"centre": 3}, ParameterError, "centre"),
+    ({"centre": (np.nan, 0)}, ParameterError, "centre"),
+])  # fmt: skip
 def test_bad_maps(how, error, words):
     with pytest.raises(error, match=words):
         sky_axes(**how)

@@ -200,16 +200,13 @@ def test_small_field_in_degrees_is_fine():
     assert len(read_field(t, units={"ra": "deg", "dec": "deg"})) == N
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"units": {"pmx": "mas/yr"}}, "units: no column 'pmx'. .*nearest: pmra|units: no column 'pmx'"),
-        ({"units": {"pmra": "parsnips"}}, "'parsnips'.*(is no unit that astropy knows|cannot be turned into)"),
-        ({"columns": {"pm_ra": "pmra"}}, "nothing is called pm_ra; there are ra, dec, pmra"),
-        ({"columns": {"redshift": "zed"}}, "no column 'zed'.*Say which it is: columns="),
-        ({"on_bad": "ignore"}, "on_bad is 'raise' or 'drop', not 'ignore'"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"units": {"pmx": "mas/yr"}}, "units: no column 'pmx'. .*nearest: pmra|units: no column 'pmx'"),
+    ({"units": {"pmra": "parsnips"}}, "'parsnips'.*(is no unit that astropy knows|cannot be turned into)"),
+    ({"columns": {"pm_ra": "pmra"}}, "nothing is called pm_ra; there are ra, dec, pmra"),
+    ({"columns": {"redshift": "zed"}}, "no column 'zed'.*Say which it is: columns="),
+    ({"on_bad": "ignore"}, "on_bad is 'raise' or 'drop', not 'ignore'"),
+])  # fmt: skip
 def test_wrong_arguments(arguments, message):
     with pytest.raises((TableError, FieldError), match=message):
         read_field(table(), **arguments)
@@ -261,14 +258,11 @@ def test_names_of_vizier_are_told():
         read_field(made, "gaia")
 
 
-@pytest.mark.parametrize(
-    "names",
-    [
-        ("ra1", "dec1", "pmra1", "pmdec1", "pmra_err1", "pmdec_err1"),
-        ("Alpha", "Delta", "muAlphaStar", "muDelta", "sigMuAlpha", "sigMuDelta"),
-        ("lon_deg", "lat_deg", "pm_lon", "pm_lat", "pm_lon_std", "pm_lat_std"),
-    ],
-)
+@pytest.mark.parametrize("names", [
+    ("ra1", "dec1", "pmra1", "pmdec1", "pmra_err1", "pmdec_err1"),
+    ("Alpha", "Delta", "muAlphaStar", "muDelta", "sigMuAlpha", "sigMuDelta"),
+    ("lon_deg", "lat_deg", "pm_lon", "pm_lat", "pm_lon_std", "pm_lat_std"),
+])  # fmt: skip
 def test_answer_in_a_question_is_complete(names):
     """Two rounds of questions, of columns and then of units, were one more than a user has patience for."""
     made = table()

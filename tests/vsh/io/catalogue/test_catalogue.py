@@ -84,14 +84,11 @@ def test_names_of_vizier():
         read_field(table, "sdss", units)
 
 
-@pytest.mark.parametrize(
-    ("typed", "meant"),
-    [
-        ("vizier", {"names": "vizier"}),
-        ("vizier,redshift=zq", {"names": "vizier", "redshift": "zq"}),
-        ("pmra=mu", {"pmra": "mu"}),
-    ],
-)
+@pytest.mark.parametrize(("typed", "meant"), [
+    ("vizier", {"names": "vizier"}),
+    ("vizier,redshift=zq", {"names": "vizier", "redshift": "zq"}),
+    ("pmra=mu", {"pmra": "mu"}),
+])  # fmt: skip
 def test_columns_as_they_are_typed(typed, meant):
     from fit.commands.fit import make_parser
 

@@ -108,19 +108,16 @@ def test_motions_are_compared_too():
     np.testing.assert_allclose(field.rho, a.rho)
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "words"),
-    [
-        (lambda a: match(a, random_field(5, 1)), FieldError, "two Positions or two Fields"),
-        (lambda a: match(a, a, by="nearest"), FieldError, 'by "name" or "position"'),
-        (lambda a: match(a, positions(names=False)), FieldError, "column of names"),
-        (lambda a: match(a, a, by="position", radius=0), FieldError, "above zero"),
-        (lambda a: match(a, positions(seed=2), by="position"), TableError, "the catalogues have no source in common"),
-        (lambda a: match(random_field(5, 1), random_field(5, 1, frame="galactic")), FrameError, "icrs and galactic"),
-        (lambda a: Positions(a.lon, a.lat, -a.sigma), FieldError, "σ ≤ 0: 500"),
-        (lambda a: Positions(a.lon, a.lat + 5, a.sigma), FieldError, r"\|dec\| > 90°"),
-    ],
-)
+@pytest.mark.parametrize(("call", "error", "words"), [
+    (lambda a: match(a, random_field(5, 1)), FieldError, "two Positions or two Fields"),
+    (lambda a: match(a, a, by="nearest"), FieldError, 'by "name" or "position"'),
+    (lambda a: match(a, positions(names=False)), FieldError, "column of names"),
+    (lambda a: match(a, a, by="position", radius=0), FieldError, "above zero"),
+    (lambda a: match(a, positions(seed=2), by="position"), TableError, "the catalogues have no source in common"),
+    (lambda a: match(random_field(5, 1), random_field(5, 1, frame="galactic")), FrameError, "icrs and galactic"),
+    (lambda a: Positions(a.lon, a.lat, -a.sigma), FieldError, "σ ≤ 0: 500"),
+    (lambda a: Positions(a.lon, a.lat + 5, a.sigma), FieldError, r"\|dec\| > 90°"),
+])  # fmt: skip
 def test_bad_input(call, error, words):
     with pytest.raises(error, match=words):
         call(positions())
@@ -145,21 +142,18 @@ def test_layout_of_the_iers(tmp_path):
     assert list(read_icrf(path, "iers").name) == ["2357-326", "0002-478", "1202+200"]
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda t: t.replace("20.39997606", "x"), "line 3 is damaged: 'ICRF J000020.3-322101"),
-        (lambda t: t.replace("0.0002624 -0.0602   56559.8", ""), "line 3 is damaged"),
-        (lambda t: t.rstrip().removesuffix("0807   55620.3"), "line 5 is damaged: the list ends within it"),
-        (lambda t: t.replace("0.0001076", "-0.000001"), "line 4 has no usable errors"),
-        (lambda t: t.replace("ICRF J", "QUASAR "), "without a designation of the ICRF: name them by iers"),
-        (lambda t: t.replace("ICRF J000435", "I?RF J000435"), "line 4 .* does not begin with 'ICRF J'"),
-        (lambda t: t.replace("00 00 20.3", "00 00 203"), "line 3 .*no position"),
-        (lambda t: t.replace("-32 21", "-92 21"), "line 3 .*no position"),
-        (lambda t: t.replace("00 00 20", "25 00 20"), "line 3 .*no position"),
-        (lambda t: "No rows\nat all\n", "no line with a position in hours and degrees"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda t: t.replace("20.39997606", "x"), "line 3 is damaged: 'ICRF J000020.3-322101"),
+    (lambda t: t.replace("0.0002624 -0.0602   56559.8", ""), "line 3 is damaged"),
+    (lambda t: t.rstrip().removesuffix("0807   55620.3"), "line 5 is damaged: the list ends within it"),
+    (lambda t: t.replace("0.0001076", "-0.000001"), "line 4 has no usable errors"),
+    (lambda t: t.replace("ICRF J", "QUASAR "), "without a designation of the ICRF: name them by iers"),
+    (lambda t: t.replace("ICRF J000435", "I?RF J000435"), "line 4 .* does not begin with 'ICRF J'"),
+    (lambda t: t.replace("00 00 20.3", "00 00 203"), "line 3 .*no position"),
+    (lambda t: t.replace("-32 21", "-92 21"), "line 3 .*no position"),
+    (lambda t: t.replace("00 00 20", "25 00 20"), "line 3 .*no position"),
+    (lambda t: "No rows\nat all\n", "no line with a position in hours and degrees"),
+])  # fmt: skip
 def test_damaged_catalogues(change, words, tmp_path):
     path = tmp_path / "icrf.txt"
     path.write_text(change(LINES))

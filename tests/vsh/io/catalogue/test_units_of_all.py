@@ -34,15 +34,12 @@ def test_lengths_are_converted(unit, factor):
     np.testing.assert_allclose(mixed.distance_error, 1e-4)
 
 
-@pytest.mark.parametrize(
-    ("unit", "words"),
-    [
-        ("mas", "cannot be turned into Mpc: if it is a parallax, say so, --columns parallax=dist"),
-        ("mag", "not a length: if it is a distance modulus, say so, --units dist=mag"),
-        ("furlong", "no unit that astropy knows|cannot be turned into"),
-        (None, r"'dist', 'disterr' have no unit: say which.*--units dist=Mpc,disterr=Mpc"),
-    ],
-)
+@pytest.mark.parametrize(("unit", "words"), [
+    ("mas", "cannot be turned into Mpc: if it is a parallax, say so, --columns parallax=dist"),
+    ("mag", "not a length: if it is a distance modulus, say so, --units dist=mag"),
+    ("furlong", "no unit that astropy knows|cannot be turned into"),
+    (None, r"'dist', 'disterr' have no unit: say which.*--units dist=Mpc,disterr=Mpc"),
+])  # fmt: skip
 def test_units_that_are_no_length_are_refused(unit, words):
     given = {"dist": unit, "disterr": unit} if unit == "furlong" else None
     with pytest.raises(TableError, match=words):
@@ -116,15 +113,12 @@ def test_nonlinear_units_are_requested():
         read_field(made, moduli, {"mu": "mag"})
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"pmra_error": 300.0, "pmdec_error": 300.0}, "errors are above 3e.05 µas/yr, .*µas/yr read as mas/yr"),
-        ({"pmra_error": 1e-6, "pmdec_error": 1e-6}, "below 0.001 µas/yr, .*mas/yr read as µas/yr"),
-        ({"pmra": 5000.0, "pmdec": 5000.0}, "half of the motions are above 5e.06 µas/yr"),
-        ({"redshift": 900.0}, "half of the redshifts are above 900: velocities in km/s"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    ({"pmra_error": 300.0, "pmdec_error": 300.0}, "errors are above 3e.05 µas/yr, .*µas/yr read as mas/yr"),
+    ({"pmra_error": 1e-6, "pmdec_error": 1e-6}, "below 0.001 µas/yr, .*mas/yr read as µas/yr"),
+    ({"pmra": 5000.0, "pmdec": 5000.0}, "half of the motions are above 5e.06 µas/yr"),
+    ({"redshift": 900.0}, "half of the redshifts are above 900: velocities in km/s"),
+])  # fmt: skip
 def test_sizes_that_no_survey_has_are_doubted_and_not_changed(change, words):
     made = {name: np.tile(values, 10) for name, values in PLAIN.items()} | {
         name: np.full(10 * N, value) for name, value in change.items()
