@@ -43,25 +43,18 @@ def check(main, options, capsys, most=LINES, first=None):
     return text
 
 
-def test_fit(capsys):
-    check(fit.main, [DEMO], capsys, LINES + 1, "acceleration")  # the truth of a simulation takes two
+@pytest.mark.parametrize(("main", "options", "most", "first"), [
+    pytest.param(fit.main, [DEMO], LINES + 1, "acceleration", id="fit"),  # the truth of a simulation takes two
+    pytest.param(correlate.main, [DEMO], LINES, "demo", id="correlate"),
+    pytest.param(pairs.main, [DEMO], LINES, "templates", id="pairs"),
+    pytest.param(forecast.main, [], LINES, "Gaia DR3", id="forecast", marks=pytest.mark.slow),
+])  # fmt: skip
+def test_short_reports(main, options, most, first, capsys):
+    check(main, options, capsys, most, first)
 
 
 def test_waves_beside_a_fit(capsys):
     assert "\nwaves          h70² Ω < " in check(fit.main, [DEMO, "--waves"], capsys, LINES + 2, "acceleration")
-
-
-def test_correlations(capsys):
-    check(correlate.main, [DEMO], capsys, first="demo")
-
-
-def test_pairs(capsys):
-    check(pairs.main, [DEMO], capsys, first="templates")
-
-
-@pytest.mark.slow
-def test_forecast(capsys):
-    check(forecast.main, [], capsys, first="Gaia DR3")
 
 
 def test_link(tmp_path, capsys):

@@ -104,22 +104,27 @@ def test_many_sources_take_the_compiled_loop(monkeypatch):
     np.testing.assert_allclose(again.time, plain.time, atol=1e-14)
 
 
+def passes(attitude, r, half_height):
+    """How often a place crosses the fields of view, looked at on a fine grid of time."""
+    z, *views = attitude
+    count = 0
+    for view in views:
+        along = np.sum(np.cross(z, view, axis=0).T * r, 1)
+        crossing = np.flatnonzero((along[:-1] > 0) != (along[1:] > 0))
+        crossing = crossing[view.T[crossing] @ r > 0]
+        count += np.sum(np.abs(np.arcsin(r @ z[:, crossing])) < half_height)
+    return count
+
+
 def test_no_transit_is_missed():
     """Step through 20 days by the attitude alone, a second look at one source on the scan."""
-    transits = LAW.transits(*sim.uniform_sky(30, rng=2))
     lon, lat = sim.uniform_sky(30, rng=2)
-    r = triad(lon, lat)[2]
+    transits, r = LAW.transits(lon, lat), triad(lon, lat)[2]
     time = np.arange(0, 20 / 365.25, 15 / (365.25 * 86400))
-    z, first, second = LAW.attitude(time)
+    attitude = LAW.attitude(time)
     for k in range(30):
-        count = 0
-        for view in (first, second):
-            along = np.sum(np.cross(z, view, axis=0).T * r[:, k], 1)
-            ahead = view.T @ r[:, k] > 0
-            crossing = np.flatnonzero((along[:-1] > 0) != (along[1:] > 0))
-            crossing = crossing[ahead[crossing]]
-            count += np.sum(np.abs(np.arcsin(r[:, k] @ z[:, crossing])) < np.radians(0.342))
-        assert count == np.sum((transits.source == k) & (transits.time < time[-1]))
+        found = np.sum((transits.source == k) & (transits.time < time[-1]))
+        assert passes(attitude, r[:, k], np.radians(0.342)) == found
 
 
 def test_scan_angle_and_parallax_factor():
@@ -195,17 +200,11 @@ def test_fields_pass_when_spins_are_long():
     view = np.where(found.view > 0, first, second)
     assert np.abs(np.sum(np.cross(z, view, axis=0) * here, 0)).max() < 1e-9
     assert np.abs(np.sum(z * here, 0)).max() <= np.sin(law.half_height)
-    # None is missed: a fine grid of time crosses the fields as often.
     time = np.arange(0.1, 4.9, 600 / (365.25 * 86400))
-    z, first, second = law.attitude(time)
-    for k in range(5):
-        r = triad(lon[k : k + 1], lat[k : k + 1])[2]
-        crossed = 0
-        for view in (first, second):
-            along = np.sum(np.cross(z, view, axis=0) * r, 0)
-            passed = (along[1:] * along[:-1] < 0) & (np.sum(view * r, 0)[1:] > 0)
-            crossed += np.sum(passed & (np.abs(np.sum(z * r, 0))[1:] < np.sin(law.half_height)))
+    attitude = law.attitude(time)
+    for k in range(5):  # none is missed
         mine = found.time[found.source == k]
+        crossed = passes(attitude, triad(lon[k], lat[k])[2], law.half_height)
         assert np.sum((mine > 0.1) & (mine < 4.9)) == pytest.approx(crossed, abs=1)
     with pytest.raises(ValueError, match="at least 0 and below 1"):
         NominalScanningLaw(dead_time=1.5, rng=1)

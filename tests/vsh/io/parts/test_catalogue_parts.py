@@ -351,25 +351,18 @@ def alike(field):
     return 1.5 + 1e-4 * field.lat
 
 
-def test_quantiles_of_numbers_that_are_nearly_the_same():
-    several, joined = as_parts(FIELDS), np.concatenate([alike(field) for field in FIELDS])
-    assert median(several, alike) == np.median(joined)
-    shares = np.array([0.05, 0.5, 0.95])
-    found = weighted_quantiles(several, alike, lambda field: np.ones(len(field)), shares)
-    order = np.sort(joined)
-    np.testing.assert_array_equal(found, order[np.ceil(shares * len(order)).astype(int) - 1])
-
-
-def test_quantiles_are_exact():
-    several, joined = as_parts(FIELDS), np.concatenate([odd(field) for field in FIELDS])
-    assert median(several, odd) == np.median(joined)
-    assert median(as_parts(FIELDS[:-1]), odd) == np.median(np.concatenate([odd(field) for field in FIELDS[:-1]]))
-    weights = np.concatenate([field.information for field in FIELDS])
-    order = np.argsort(joined)
-    reached = np.cumsum(weights[order])
-    shares = np.array([0.1, 0.25, 0.9])
+@pytest.mark.parametrize("number", [odd, alike])
+@pytest.mark.parametrize(
+    "weight", [lambda field: field.information, lambda field: np.ones(len(field))], ids=["unequal", "equal"]
+)
+def test_quantiles_are_exact(number, weight):
+    several, joined = as_parts(FIELDS), np.concatenate([number(field) for field in FIELDS])
+    assert median(several, number) == np.median(joined)
+    assert median(as_parts(FIELDS[:-1]), number) == np.median(np.concatenate([number(field) for field in FIELDS[:-1]]))
+    order, shares = np.argsort(joined), np.array([0.05, 0.1, 0.25, 0.5, 0.9, 0.95])
+    reached = np.cumsum(np.concatenate([weight(field) for field in FIELDS])[order])
     expected = joined[order][np.searchsorted(reached, shares * reached[-1])]
-    np.testing.assert_array_equal(weighted_quantiles(several, odd, lambda field: field.information, shares), expected)
+    np.testing.assert_array_equal(weighted_quantiles(several, number, weight, shares), expected)
 
 
 @pytest.mark.slow
