@@ -101,5 +101,7 @@ def test_what_a_field_wrote_is_read_as_one(frame, tmp_path):
 
 def test_distances_of_a_table_of_somebody_else_are_for_users_to_say():
     table = sources("icrs", ("distance", "distance_error")).to_table()
+    asked = {"distance": "distance", "distance_error": "distance_error"}
+    assert_same(vsh.read_field(table), vsh.read_field(table, asked))
     del table.meta["MEASURED"]
     assert vsh.read_field(table).distance is None
