@@ -76,24 +76,8 @@ def test_solution_can_be_read_and_says_where_it_is_from(tmp_path):
     bad = table()
     bad["pmra"][7] = np.nan
     bad.write(path)
-    assert (
-        main(
-            [
-                str(path),
-                "--method",
-                "least-squares",
-                "--lmax",
-                "1",
-                "--on-bad",
-                "drop",
-                "--frame",
-                "galactic",
-                "--output",
-                str(tmp_path / "out"),
-            ]
-        )
-        == 0
-    )
+    words = ["--method", "least-squares", "--lmax", "1", "--on-bad", "drop", "--frame", "galactic"]
+    assert main([str(path), *words, "--output", str(tmp_path / "out")]) == 0
     tmp_path = tmp_path / "out"
     solution = Table.read(tmp_path / "solution.ecsv")
     field = vsh.io.catalogue.read_field(path, on_bad="drop").to_frame("galactic")

@@ -30,19 +30,8 @@ def test_bins_are_compared_with_the_velocity_that_is_given(path, capsys):
 
 
 def test_one_bin_is_compared_with_nothing(path, tmp_path, capsys):
-    words = [
-        str(path),
-        "--bins",
-        "1",
-        "--floor",
-        "--flows",
-        "no",
-        "--format",
-        "none",
-        "--output",
-        str(tmp_path / "one"),
-    ]
-    assert main(words) == 0
+    words = ["--bins", "1", "--floor", "--flows", "no", "--format", "none", "--output", str(tmp_path / "one")]
+    assert main([str(path), *words]) == 0
     assert "change of the dipole" not in capsys.readouterr().out
     assert (tmp_path / "one" / "shared.ecsv").exists()
 
@@ -51,17 +40,8 @@ def test_one_bin_is_compared_with_nothing(path, tmp_path, capsys):
 def test_everything_at_once(path, tmp_path, capsys):
     out = tmp_path / "out"
     arguments = [path, "--h0", "67.3", "--velocity", "planck", "--bins", "0.001,0.01,0.02,0.03", "--posterior", "80000"]
-    arguments += [
-        "--long",
-        "--dispersion",
-        "0",
-        "--output",
-        out,
-        "--frame",
-        "galactic",
-        "--checkpoint",
-        tmp_path / "chain.npz",
-    ]
+    arguments += ["--long", "--dispersion", "0", "--output", out, "--frame", "galactic"]
+    arguments += ["--checkpoint", tmp_path / "chain.npz"]
     assert main([str(each) for each in arguments]) == 0
     text = capsys.readouterr().out
     for words in ("spin alike in all bins", "toward the apex", "H0  ", "Posterior (galactic axes"):
@@ -163,35 +143,16 @@ def test_redshifts_missing_and_absent(path, tmp_path, capsys):
 @pytest.mark.slow
 def test_real_catalogue(capsys):
     path = str(real_catalogue("td2017_vlba_proper_motions.ecsv"))
-    assert (
-        main(
-            [
-                path,
-                "--bins",
-                "0.01,0.5,1,1.5,7",
-                "--h0",
-                "67.4",
-                "--on-bad",
-                "drop",
-                "--redshift-frame",
-                "heliocentric",
-                "--flows",
-                "no",
-                "--long",
-            ]
-        )
-        == 0
-    )
+    words = [path, "--h0", "67.4", "--on-bad", "drop", "--flows", "no", "--long", "--redshift-frame"]
+    assert main([*words, "heliocentric", "--bins", "0.01,0.5,1,1.5,7"]) == 0
     text = capsys.readouterr().out
     assert ": contradicted" not in text
     assert "the residuals suggest errors 2.68 times as large" in text
     assert re.search(r"zero velocity +χ² = 27\.6\d for 3, p-value 4\.\de-06; with scaled errors 0\.2(78|79)", text)
     # As true redshifts, which they are not, near sources would say more than they know.
-    assert main([path, "--h0", "67.4", "--on-bad", "drop", "--redshift-frame", "true", "--flows", "no", "--long"]) == 0
-    found = re.search(
-        r"zero velocity +χ² = 41\.30 for 3, p-value 5\.6e-09; with scaled errors 0\.13", capsys.readouterr().out
-    )
-    assert found
+    assert main([*words, "true"]) == 0
+    text = capsys.readouterr().out
+    assert re.search(r"zero velocity +χ² = 41\.30 for 3, p-value 5\.6e-09; with scaled errors 0\.13", text)
 
 
 @pytest.mark.slow
@@ -218,22 +179,9 @@ def test_simulate_and_bin_on_real_redshifts(name, column, edges, tmp_path, capsy
 
 
 def test_truth_of_a_simulated_table_stands_beside_the_result(tmp_path, capsys):
-
     path = str(tmp_path / "galaxies.fits")
-    arguments = [
-        "galaxies",
-        "--number",
-        "3000",
-        "--errors",
-        "expected",
-        "--release",
-        "DR5",
-        "--velocity",
-        "planck",
-        "--output",
-        path,
-    ]
-    assert simulate(arguments) == 0
+    words = ["galaxies", "--number", "3000", "--errors", "expected", "--release", "DR5", "--velocity", "planck"]
+    assert simulate([*words, "--output", path]) == 0
     capsys.readouterr()
     assert main([path, "--h0", "67.3", "--velocity", "planck", "--frame", "galactic"]) == 0
     lines = [line for line in capsys.readouterr().out.splitlines() if line.strip().startswith("truth")]

@@ -71,20 +71,9 @@ def test_noise_that_the_faint_share_alone_detects_nothing(n_skies):
         sigma, name = 10 ** rng.uniform(0.8, 2.0, 300), np.arange(300)
         shared = np.where(sigma < 25, 0.0, 0.95)
         common = np.sqrt(shared) * sigma * rng.normal(size=(2, 300))
-        chain = combine_frames(
-            {
-                label: Field(
-                    lon,
-                    lat,
-                    common + np.sqrt(1 - shared) * sigma * rng.normal(size=(2, 300)),
-                    [sigma, sigma],
-                    name=name,
-                )
-                for label in "abc"
-            },
-            2,
-            floor=False,
-        )
+        motions = {label: common + np.sqrt(1 - shared) * sigma * rng.normal(size=(2, 300)) for label in "abc"}
+        fields = {label: Field(lon, lat, motion, [sigma, sigma], name=name) for label, motion in motions.items()}
+        chain = combine_frames(fields, 2, floor=False)
         for solution in (chain.difference("b"), chain.difference("c", "b")):
             p += [solution.spin.p_value, solution.acceleration.p_value]
     assert np.mean(np.array(p) < 0.05) < 0.05 + 3 * np.sqrt(0.05 / (len(p) / 2))

@@ -93,12 +93,9 @@ def test_ridge_with_flat_priors():
 @pytest.mark.slow
 def test_chain_with_free_dispersion_against_the_grid():
     field = galaxies(sigma=2.0, spread=700.0)
-    settings = {
-        "velocity_prior": CMB_VELOCITY_PLANCK18,
-        "hubble_prior": Normal(67, 5),
-        "peculiar_dispersion": Flat(100, 1500),
-    }
-    found, on_grid = sample(field, n_samples=1_500_000, **settings, **SETTINGS), grid(field, **settings, flows=None)
+    priors, settings = (CMB_VELOCITY_PLANCK18, Normal(67, 5)), {"peculiar_dispersion": Flat(100, 1500)}
+    found = sample(field, *priors, n_samples=1_500_000, **settings, **SETTINGS)
+    on_grid = grid(field, *priors, **settings, flows=None)
     for name in ("H0", "peculiar_dispersion"):
         x = found.samples[name]
         assert abs(x.mean() - on_grid.mean(name)) < 0.02 * on_grid.sigma(name)
@@ -166,33 +163,17 @@ def test_callable_prior_is_the_gaussian_it_computes():
 
 def test_spin_with_errors_is_a_prior():
     field = galaxies(500)
-    free = grid(field, "flat", Normal(67.3, 1e-3), spin="free", peculiar_dispersion=0.0, flows=None).velocity
-    loose = grid(
-        field, "flat", Normal(67.3, 1e-3), spin=Vector([0, 0, 0], 1e8 * np.eye(3)), peculiar_dispersion=0.0, flows=None
-    ).velocity
-    tight = grid(
-        field,
-        "flat",
-        Normal(67.3, 1e-3),
-        spin=Vector([0, 0, 0], 1e-10 * np.eye(3)),
-        peculiar_dispersion=0.0,
-        flows=None,
-    ).velocity
-    none = grid(field, "flat", Normal(67.3, 1e-3), peculiar_dispersion=0.0, flows=None).velocity
-    fixed = grid(
-        field, "flat", Normal(67.3, 1e-3), spin=Vector([0, 0, 0], np.zeros((3, 3))), peculiar_dispersion=0.0, flows=None
-    ).velocity
-    np.testing.assert_allclose(loose.value, free.value, rtol=1e-4)
-    np.testing.assert_allclose(tight.value, none.value, rtol=1e-4)
-    np.testing.assert_allclose(fixed.value, none.value, rtol=1e-9)
-    np.testing.assert_allclose(
-        none.value, observer_velocity(field, 67.3, peculiar_dispersion=0.0, flows=None).velocity.value, rtol=1e-3
+    options = {"peculiar_dispersion": 0.0, "flows": None}
+    spins = [Vector([0, 0, 0], variance * np.eye(3)) for variance in (1e8, 1e-10, 0.0)]
+    loose, tight, fixed, free, none = (
+        grid(field, "flat", Normal(67.3, 1e-3), spin=spin, **options).velocity.value for spin in (*spins, "free", None)
     )
-    np.testing.assert_allclose(
-        free.value,
-        observer_velocity(field, 67.3, peculiar_dispersion=0.0, spin="free", flows=None).velocity.value,
-        rtol=1e-3,
-    )
+    np.testing.assert_allclose(loose, free, rtol=1e-4)
+    np.testing.assert_allclose(tight, none, rtol=1e-4)
+    np.testing.assert_allclose(fixed, none, rtol=1e-9)
+    for spin, value in ((None, none), ("free", free)):
+        least = observer_velocity(field, 67.3, spin=spin, **options).velocity.value
+        np.testing.assert_allclose(value, least, rtol=1e-3)
 
 
 def test_short_chain_reports_nothing_but_keeps_its_samples():
@@ -238,16 +219,14 @@ def test_figures_and_tables():
     assert set(found.autocorrelation) == {"v_x", "v_y", "v_z", "H0"}
 
 
+def samples_of(**drawn):
+    return Samples(samples=drawn, frame="galactic", notes=(), priors={}, seed=1)
+
+
 @pytest.mark.slow
 def test_axis_of_what_is_never_negative_begins_at_zero():
     rng = np.random.default_rng(1)
-    weak = Samples(
-        samples={"H0": rng.exponential(30, 4000), "v_x": rng.normal(0, 30, 4000)},
-        frame="galactic",
-        notes=(),
-        priors={},
-        seed=1,
-    )
+    weak = samples_of(H0=rng.exponential(30, 4000), v_x=rng.normal(0, 30, 4000))
     drawn = weak.plot()
     assert drawn[0, 0].get_xlim()[0] == 0
     assert drawn[1, 1].get_xlim()[0] < -90
@@ -333,16 +312,9 @@ def calibrate(seed):
     hubble, spread = rng.normal(70, 8), rng.uniform(200, 1200)
     field = galaxies(500, seed=10_000 + seed, sigma=3.0, velocity=velocity, spread=spread, hubble=hubble)
     found = sample(
-        field,
-        prior,
-        Normal(70, 8),
-        n_samples=350_000,
-        rng=seed,
-        peculiar_dispersion=Flat(200, 1200),
-        flows=None,
-        progress=False,
-        threads=1,
-    )
+        field, prior, Normal(70, 8), n_samples=350_000, peculiar_dispersion=Flat(200, 1200), threads=1,
+        **SETTINGS | {"rng": seed},
+    )  # fmt: skip
     named = found.samples
     chosen = rng.choice(len(named["H0"]), 99, replace=False)
     truths = {"v_x": velocity[0], "v_y": velocity[1], "v_z": velocity[2], "H0": hubble, "peculiar_dispersion": spread}
@@ -409,7 +381,7 @@ def test_conditional_is_the_integral_over_velocities(velocity):
 def test_samples_are_taken_by_name(tmp_path):
     rng = np.random.default_rng(1)
     drawn = {"H0": rng.exponential(30, 400), "v_x": rng.normal(0, 30, 400)}
-    samples = Samples(samples=drawn, frame="galactic", notes=(), priors={}, seed=1)
+    samples = samples_of(**drawn)
     assert samples["H0"] is drawn["H0"]
     assert len(samples) == 400
     assert samples.to_pandas()["v_x"].tolist() == drawn["v_x"].tolist()
@@ -425,11 +397,10 @@ def test_samples_are_taken_by_name(tmp_path):
 def test_constant_without_an_end_has_no_upper_limit():
     """Samples that reach the end of an infinite prior were quoted as a limit of 95 %, at 952."""
     rng = np.random.default_rng(1)
-    base = {"frame": "galactic", "notes": (), "priors": {}, "seed": 1}
-    endless = Samples(samples={"H0": rng.uniform(1, 1000, 4000)}, **base)
+    endless = samples_of(H0=rng.uniform(1, 1000, 4000))
     assert endless.hubble_limits[1] == np.inf
     assert 40 < endless.hubble_limits[0] < 60
-    assert Samples(samples={"H0": rng.exponential(50, 4000)}, **base).hubble_limits[1] < 200
+    assert samples_of(H0=rng.exponential(50, 4000)).hubble_limits[1] < 200
 
 
 def test_limits_that_are_given_are_kept():

@@ -59,13 +59,8 @@ def test_powers_of_magnitude():
 @pytest.mark.parametrize("binaries", [pytest.param(0.0, marks=pytest.mark.slow), 0.2])
 def test_half_hold_half(binaries):
     """10 skies of heavy tails: rms of pulls near 1, and no bias."""
-    each = np.array(
-        [
-            pulls(link(sim.link(seed, 40, **FRAME, binaries=binaries, tails=3), excess=False, aberration=None),
-                  np.r_[EPSILON, OMEGA])
-            for seed in range(10)
-        ]
-    )  # fmt: skip
+    skies = [sim.link(seed, 40, **FRAME, binaries=binaries, tails=3) for seed in range(10)]
+    each = np.array([pulls(link(sky, excess=False, aberration=None), np.r_[EPSILON, OMEGA]) for sky in skies])
     assert 0.8 < np.sqrt(np.mean(each**2)) < 1.25
     assert 0.55 < np.mean(np.abs(each) < 1) < 0.80
 
@@ -344,23 +339,8 @@ def test_rows_through_a_file(tmp_path, ending):
 def test_two_catalogues_side_by_side(tmp_path):
     """As the released tables of radio stars have them: one with a suffix, the other repeated beside each of its rows."""
     table = tmp_path / "wide.csv"
-    head = [
-        f"{name}{s}"
-        for s in ("_VLBI", "")
-        for name in [
-            "EPOCH",
-            "RA",
-            "RA_ERR",
-            "DEC",
-            "DEC_ERR",
-            "PI",
-            "PI_ERR",
-            "PMRA",
-            "PMRA_ERR",
-            "PMDEC",
-            "PMDEC_ERR",
-        ]
-    ]
+    names = ["EPOCH", *(name + end for name in ("RA", "DEC", "PI", "PMRA", "PMDEC") for end in ("", "_ERR"))]
+    head = [name + catalogue for catalogue in ("_VLBI", "") for name in names]
     lines = [
         "A,2005,10.1,.2,5,.2,3,.1,1,.1,2,.1,2016,10.1,.02,5,.02,3,.03,1,.02,2,.02",
         "A,1992,10.1,.2,5,.2,3,.1,1,.1,2,.1,2016,10.1,.02,5,.02,3,.03,1,.02,2,.02",
