@@ -63,24 +63,6 @@ def test_whole_is_the_sum_of_its_parts(seed, cut, lmax):
     assert (total.n_data, rest.n_data) == (400, 400 - 2 * cut)
 
 
-@pytest.mark.slow
-@given(seed=st.integers(0, 1000))
-@settings(max_examples=20)
-def test_order_of_the_rows_does_not_matter(seed):
-    field = random_field(300, seed)
-    shuffled = field[np.random.default_rng(seed).permutation(300)]
-    one, two = (fit.fit_field(f, 3) for f in (field, shuffled))
-    np.testing.assert_allclose(one.coefficients.values / one.sigma, two.coefficients.values / one.sigma, atol=1e-9)
-    np.testing.assert_allclose(one.sigma, two.sigma, rtol=1e-9)
-
-
-def test_many_blocks_and_threads_are_one_sum():
-    field = random_field(150_000, seed=9)
-    one, four = (fit.normal_equations(field, Modes(2), threads=threads) for threads in (1, 4))
-    np.testing.assert_array_equal(one.matrix, four.matrix)
-    np.testing.assert_array_equal(one.rhs, four.rhs)
-
-
 def pulls(fits, correlated):
     """Of `fits` skies with correlated errors, fitted with the correlation or without.
 

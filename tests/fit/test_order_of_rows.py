@@ -32,16 +32,11 @@ def numbers(result):
 
 @pytest.mark.parametrize("method", ["recommended", "student"])
 def test_any_order_and_any_parts_give_the_same_numbers(interleaved, method):
-    estimators = {
-        "recommended": lambda field: fit.recommended(field, 1),
-        "student": lambda field: fit.estimate(field, 1, "student"),
-    }
-    run = estimators[method]
-    usual, error = numbers(run(interleaved))
+    usual, error = numbers(fit.estimate(interleaved, 1, method))
     ordered = np.concatenate([np.arange(0, N, 2), np.arange(1, N, 2)])
     shuffled = np.random.default_rng(2).permutation(N)
     for other in (interleaved[ordered], interleaved[shuffled], as_parts([interleaved[:1000], interleaved[1000:]])):
-        np.testing.assert_allclose(numbers(run(other))[0], usual, atol=1e-6 * error)
+        np.testing.assert_allclose(numbers(fit.estimate(other, 1, method))[0], usual, atol=1e-6 * error)
 
 
 def test_a_share_of_the_rows_is_chosen_by_what_they_hold():

@@ -66,16 +66,6 @@ def test_seed_is_all_there_is(method):
     assert not np.array_equal(one, other)
 
 
-def test_jackknife_leaves_out_one_block_after_the_other():
-    field = observed(2)
-    found = fit.resample.jackknife(field, Modes(1), 2)
-    pixel = pixels_of(field.lon, field.lat, 2)
-    blocks = np.unique(pixel)
-    assert len(found.replicates) == len(blocks)
-    expected = fit.fit_field(field[pixel != blocks[3]], 1).coefficients.values
-    np.testing.assert_allclose(found.replicates[3], expected, rtol=1e-9)
-
-
 def test_fits_that_cannot_be_resampled():
     field = observed(3)
     near = field[pixels_of(field.lon, field.lat, 1) == 0]
@@ -122,12 +112,9 @@ def test_errors_hold_where_few_sources_have_all_the_weight(n, lmax, few):
 
 
 def test_advice_on_blocks_says_where_errors_still_grow():
-    from fit.resample import BlockErrors, _advice
-
-    rows = [BlockErrors(k, 58.6 / k, 12 * k**2, 1.0, 0.1, None) for k in (8, 4, 2)]
-    assert "errors still grow" in _advice(rows, rows[-1])
-    assert "errors still grow" not in _advice(rows, rows[0])
-    assert "errors still grow" not in _advice(rows[:1], rows[0])
+    rows = [resample.BlockErrors(k, 58.6 / k, 12 * k**2, 1.0, 0.1, None) for k in (8, 4, 2)]
+    for tried, best, grows in ((rows, rows[-1], True), (rows, rows[0], False), (rows[:1], rows[0], False)):
+        assert ("errors still grow" in resample._advice(tried, best)) == grows
 
 
 @few_or_many(40, 300, "skies")

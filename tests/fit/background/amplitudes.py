@@ -39,15 +39,9 @@ def fit_amplitudes(normal, spectra, noise_scale=None, *, degrees=None, free=(1,)
     likelihood = Likelihood(equations, spectra, degrees, flat, fit_scale)
     best = likelihood.maximum()
     covariance = covariance_of(likelihood, best)
-    amplitudes, evidence = posteriors(likelihood, best)
-    k = len(likelihood)
     return SimpleNamespace(
-        amplitudes=best.amplitudes,
-        sigma=np.sqrt(np.diag(covariance)[:k]),
-        intervals=np.array([amplitude.interval(0.68) for amplitude in amplitudes]),
-        noise_scale=best.noise_scale,
-        noise_scale_error=float(np.sqrt(covariance[k, k]) / (2 * best.noise_scale)) if fit_scale else 0.0,
-        log_likelihood=best.log_likelihood,
-        log_evidence=evidence,
+        noise_scale_error=float(np.sqrt(covariance[-1, -1]) / (2 * best.noise_scale)) if fit_scale else 0.0,
+        log_evidence=posteriors(likelihood, best)[1],
         degrees=degrees,
+        **vars(best),
     )

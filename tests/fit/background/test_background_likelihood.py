@@ -53,17 +53,6 @@ def test_likelihood_is_the_dense_one(amplitudes, noise_scale):
     assert likelihood(amplitudes, noise_scale) == pytest.approx(expected, abs=1e-9)
 
 
-def test_likelihood_adds_and_depends_on_no_frame():
-    spectra = [Spectrum.odd(), Spectrum.even()]
-    whole = fit_background(fit.normal_equations(FIELD, MODES), spectra)
-    halves = fit.normal_equations(FIELD[:70], MODES) + fit.normal_equations(FIELD[70:], MODES)
-    galactic = fit.normal_equations(FIELD.to_frame("galactic"), MODES)
-    for other in (fit_background(halves, spectra), fit_background(galactic, spectra)):
-        np.testing.assert_allclose(other.amplitudes, whole.amplitudes, rtol=1e-6, atol=1e-6 * whole.sigma.max())
-        assert other.log_likelihood == pytest.approx(whole.log_likelihood, abs=1e-8)
-        assert other.log_evidence == pytest.approx(whole.log_evidence, abs=1e-8)
-
-
 def test_one_free_degree_is_a_degree():
     one, several = (fit_background(fit.normal_equations(FIELD, MODES), SPECTRA, free=free) for free in (1, (1,)))
     np.testing.assert_array_equal(one.amplitudes, several.amplitudes)

@@ -9,8 +9,6 @@ from hypothesis import strategies as st
 import fit
 import sim
 from vsh import Field, Modes
-from vsh.sky.frames import rotation_matrix
-from vsh.sky.sphere import triad
 from vsh.tools.errors import FieldError, FrameError
 
 
@@ -26,9 +24,7 @@ def cut_sky(n, seed):
 @pytest.mark.parametrize("lmax", [1, 2, 3, 5, 10, 20])
 def test_compressed_is_direct(lmax):
     field, modes = cut_sky(3000, lmax), Modes(lmax)
-    direct, compressed = (
-        fit.normal_equations(field, modes, method=method) for method in ("design-matrix", "compressed")
-    )
+    direct, compressed = (fit.normal_equations(field, modes, method=m) for m in ("design-matrix", "compressed"))
     np.testing.assert_allclose(compressed.matrix, direct.matrix, atol=1e-11 * np.abs(direct.matrix).max(), rtol=0)
     np.testing.assert_allclose(compressed.rhs, direct.rhs, atol=1e-11 * np.abs(direct.rhs).max(), rtol=0)
     assert compressed.chi2_null == pytest.approx(direct.chi2_null, rel=1e-13)
@@ -56,9 +52,10 @@ def test_degree_one_of_any_number_is_direct(n):
     assert short.chi2_null == pytest.approx(direct.chi2_null)
 
 
-def test_threads_do_not_change_a_bit():
+@pytest.mark.parametrize(("method", "lmax"), [("compressed", 4), ("design-matrix", 2)])
+def test_threads_do_not_change_a_bit(method, lmax):
     field = cut_sky(200_000, 1)
-    one, four = (fit.normal_equations(field, Modes(4), method="compressed", threads=threads) for threads in (1, 4))
+    one, four = (fit.normal_equations(field, lmax, method=method, threads=threads) for threads in (1, 4))
     np.testing.assert_array_equal(one.matrix, four.matrix)
     np.testing.assert_array_equal(one.rhs, four.rhs)
 
@@ -99,6 +96,3 @@ def test_rotated_catalogue_has_the_same_chi2():
     field = cut_sky(20_000, 5)
     one, two = (fit.fit_field(f, 4) for f in (field, field.to_frame("galactic")))
     assert one.chi2 == pytest.approx(two.chi2, rel=1e-12)
-    p, _, r = triad(field.lon[:3], field.lat[:3])
-    assert np.allclose(np.linalg.det(rotation_matrix("icrs", "galactic")), 1)
-    assert np.allclose(np.sum(p * r, axis=0), 0)

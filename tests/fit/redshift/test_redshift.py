@@ -8,11 +8,15 @@ from conftest import few_or_many, random_field, real_catalogue
 
 import fit
 import sim
+from fit.commands.redshift import main
 from fit.redshift import binned, equal_information_edges, permutation_test
+from fit.redshift._solution import equality_chi2, shared_flow, slope_chi2
 from vsh import Field, Modes, Vector
+from vsh.basis import harmonics
 from vsh.io import catalogue
 from vsh.models.cosmology import BACHCHAN_2016, CMB_VELOCITY_PLANCK18, transverse_distance
 from vsh.models.covariance import Spectrum
+from vsh.models.flows import LINEAR_PLANCK18 as THEORY
 from vsh.tools.errors import DegeneracyError, FieldError, ParameterError
 from vsh.tools.units import AU_PER_YEAR
 
@@ -28,22 +32,18 @@ def quasars(n, seed, truth=None, edges=(0.1, 4.0), frame="icrs"):
     return sim.observe(population, truth or sim.spin((0, 0, 0)), rng, sigma=sigma, rho=rho)
 
 
-def test_sum_of_the_bins_is_the_whole():
-    field = quasars(2000, 1)
-    found = binned(field, 3, [0.1, 1.0, 2.0, 4.0], flows=None, method="least-squares")
-    whole, total = fit.normal_equations(field, Modes(3)), sum(found.normals)
-    np.testing.assert_allclose(total.matrix, whole.matrix, rtol=1e-10, atol=1e-12)
-    np.testing.assert_allclose(total.rhs, whole.rhs, rtol=1e-10, atol=1e-10)
-    assert total.n_data == whole.n_data == 2 * found.counts.sum()
-
-
 def test_each_bin_is_a_fit_of_its_own():
-    field = quasars(900, 2)
-    found = binned(field, 2, [0.1, 2.0, 4.0], flows=None, method="least-squares")
-    alone = fit.fit_field(field[field.redshift >= 2.0], 2)
-    np.testing.assert_allclose(found.solutions[1].coefficients.values, alone.coefficients.values)
-    np.testing.assert_allclose(found.solutions[1].covariance, alone.covariance)
-    assert found.modes == Modes(2)
+    field, edges = quasars(2000, 1), [0.1, 1.0, 2.0, 4.0]
+    found = binned(field, 3, edges, flows=None, method="least-squares")
+    for (low, high), normal, solution in zip(pairwise(edges), found.normals, found.solutions, strict=True):
+        inside = field[(field.redshift >= low) & (field.redshift < high)]
+        equations = fit.normal_equations(inside, Modes(3))
+        np.testing.assert_allclose(normal.matrix, equations.matrix, rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(normal.rhs, equations.rhs, rtol=1e-10, atol=1e-10)
+        np.testing.assert_allclose(solution.values, fit.solve(equations).values, rtol=1e-7)
+        np.testing.assert_allclose(solution.covariance, fit.solve(equations).covariance, rtol=1e-7)
+    assert [normal.n_data for normal in found.normals] == [2 * count for count in found.counts]
+    assert found.modes == Modes(3)
 
 
 def test_one_pass_over_a_stream():
@@ -69,8 +69,6 @@ def test_higher_degrees_in_common_are_one_fit():
     field = quasars(400, 4)
     edges = [0.1, 2.0, 4.0]
     found = binned(field, 2, edges, shared_higher_degrees=True, flows=None, method="least-squares")
-    from vsh.basis import harmonics
-
     modes = Modes(2)
     rows = harmonics(field.lon, field.lat, modes)
     own = [i for i, mode in enumerate(modes) if mode.l == 1]
@@ -119,8 +117,6 @@ def test_secular_parallax_is_found_by_the_trend_and_not_by_equality_alone():
     assert found.equality("S", 1).p_value < 1e-6
     assert found.equality("T", 1).p_value > 1e-3
     slope = found.trend(found.mean_inverse_distance).acceleration
-    from vsh.tools.units import AU_PER_YEAR
-
     np.testing.assert_allclose(-slope.value * AU_PER_YEAR, velocity.value, atol=6 * AU_PER_YEAR * slope.sigma.max())
     acceleration, test = found.secular_parallax(velocity)
     assert test.p_value > 1e-3
@@ -211,8 +207,6 @@ def test_shuffling_keeps_its_promise_with_wrong_errors():
 def test_shuffling_begins_with_the_same_chi2():
     field = quasars(500, 11)
     found = binned(field, 1, 3, flows=None)
-    from fit.redshift._solution import equality_chi2, slope_chi2
-
     values = np.stack([s.coefficients.values for s in found.solutions])
     covariance = np.stack([s.covariance for s in found.solutions])
     assert equality_chi2(values, covariance) == pytest.approx(found.equality().quoted)
@@ -288,10 +282,6 @@ def test_markers_stand_where_a_bin_measures():
 
 def test_flow_of_bins_against_a_design_matrix():
     """C N⁻¹ Σ AᵀWF of every bin, with errors that hold each source's own motion, written out."""
-    from fit.redshift._solution import shared_flow
-    from vsh.basis import harmonics
-    from vsh.models.flows import LINEAR_PLANCK18 as THEORY
-
     field = sim.observe(sim.galaxies(300, 2), sim.spin((0, 0, 0)), 3, sigma=5.0, rho=0.4)
     edges = np.array([0.001, 0.02, 0.03])
     found = binned(field, 2, edges, n_modes=40)
@@ -325,9 +315,6 @@ def test_flow_of_bins_against_a_design_matrix():
 @pytest.mark.slow
 def test_bins_with_errors_that_they_share(tmp_path, capsys):
     """Systematics that quasars of all redshifts share: plain bins differ, bins with the floor do not."""
-    from fit.background import Spectrum
-    from fit.commands.redshift import main
-
     quasars = sim.quasars(30_000, 3)
     keep = (quasars.redshift < 1.2) | (quasars.lat > -0.2)  # bins that see different skies
     quasars = quasars[keep]
@@ -361,8 +348,6 @@ def test_bins_with_errors_that_they_share(tmp_path, capsys):
 @pytest.mark.slow
 def test_bin_of_few_sources_does_not_bear_higher_degrees(tmp_path, capsys):
     """Three degrees more than sixty sources determine: the answer is by fewer, and a note says what that means."""
-    from fit.commands.redshift import main
-
     many, few = sim.quasars(3000, 3, "uniform"), sim.quasars(60, 4, "uniform")
     near, far = (sim.observe(each, sim.spin((0, 0, 0)), 2, sigma=100.0) for each in (many, few))
     rng = np.random.default_rng(1)
@@ -379,8 +364,6 @@ def test_bin_of_few_sources_does_not_bear_higher_degrees(tmp_path, capsys):
 @pytest.mark.slow
 def test_bins_of_many_have_what_they_share_unasked(tmp_path, capsys, monkeypatch):
     """From so many sources on the floor is in the answer, below that its size is beside it, and --floor no leaves it."""
-    from fit.commands.redshift import main
-
     quasars = sim.quasars(4000, 3)
     pattern = sim.systematics(900.0 * Spectrum.flat(), 4, lmax=7)
     sim.observe(quasars, pattern, 5, sigma=100.0).write(tmp_path / "q.fits")
