@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from astropy.table import Table
 from conftest import STUDY, few_or_many, random_field, real_catalogue
+from scipy import stats
 
 import fit
 import sim
 from fit.commands.compare import main
-from fit.frames.compare import compare_catalogues
-from vsh import Coefficients, ConvergenceError, Field, FieldError, ParameterError, TableError
+from fit.frames.compare import compare_catalogues, fit_by_error_class
+from vsh import Coefficients, ConvergenceError, Field, FieldError, Modes, ParameterError, TableError
 from vsh.conventions import from_icrf3, icrf3_terms
 from vsh.io.catalogue import read_icrf, read_positions
 from vsh.models.covariance import Spectrum
@@ -217,8 +218,7 @@ def test_command(tmp_path, capsys):
     assert files == {"report.txt", "comparison.ecsv", "solution.ecsv", "correlation.ecsv", "outliers.ecsv", "parameters.ecsv", "provenance.json", "run.toml", "citation.bib",
                      "sky.png", "spectrum.png", "correlation.png", "residuals.png", "catalogues.png"}  # fmt: skip
     found = fit.storage.read(folder / "comparison.ecsv")
-    assert found.names == tuple(fit.storage.read(folder / "comparison.ecsv").names)
-    assert len(found.names) == 3
+    assert set(found.names) == {"S0000", "S0001", "S0002"}
     html = page.read_text(encoding="utf-8")
     assert "Sources that were left out" in html
     assert "names of the ICRF3 papers" in html
@@ -266,10 +266,8 @@ def test_p_values_of_catalogues_that_share_noise():
         lon, lat = sim.uniform_sky(300, rng)
         sigma = np.full((2, 300), 50.0)
         shared = 50 * np.sqrt(0.5) * rng.normal(size=(2, 300))
-        a, b = (
-            Field(lon, lat, shared + 50 * np.sqrt(0.5) * rng.normal(size=(2, 300)), sigma, name=np.arange(300))
-            for _ in range(2)
-        )
+        motions = [shared + 50 * np.sqrt(0.5) * rng.normal(size=(2, 300)) for _ in "ab"]
+        a, b = (Field(lon, lat, motion, sigma, name=np.arange(300)) for motion in motions)
         comparison, _ = compare_catalogues(a, b, 2)
         quoted.append(comparison.deformation_p_value)
         scaled.append(comparison.deformation_p_value_scaled)
@@ -284,18 +282,13 @@ def test_p_values_of_catalogues_that_share_noise():
 @pytest.mark.parametrize("faint", [False, True])
 def test_p_values_where_some_share_noise(faint):
     """All noise of the faint, or of the bright, is shared: one factor for all is wrong, classes of errors are right."""
-    from fit.frames.compare import fit_by_error_class
-    from vsh import Modes
-
     rng, p = np.random.default_rng(3), []
     for _ in range(60):
         lon, lat = sim.uniform_sky(500, rng)
         sigma = 10 ** rng.uniform(0.8, 2.0, 500)
         share = np.where((sigma > 25) == faint, 0.95, 0.0)
-        field = Field(
-            lon, lat, rng.normal(size=(2, 500)) * sigma * np.sqrt(2 * (1 - share)), np.sqrt(2) * np.tile(sigma, (2, 1))
-        )
-        found = fit_by_error_class(field, Modes(2))
+        motion = rng.normal(size=(2, 500)) * sigma * np.sqrt(2 * (1 - share))
+        found = fit_by_error_class(Field(lon, lat, motion, np.sqrt(2) * np.tile(sigma, (2, 1))), Modes(2))
         p.append(found.p_value)
     assert np.mean(np.array(p) < 0.05) <= 0.15
     assert 0.3 < np.mean(p) < 0.7
@@ -304,11 +297,6 @@ def test_p_values_where_some_share_noise(faint):
 
 def test_p_value_allows_for_factors_that_are_estimated():
     """F with the degrees of freedom of the classes, weighed by their information: larger than χ² has it."""
-    from scipy.stats import chi2
-
-    from fit.frames.compare import fit_by_error_class
-    from vsh import Modes
-
     rng, modes = np.random.default_rng(5), Modes(2)
     lon, lat = sim.uniform_sky(40, rng)
     sigma = np.full((2, 40), 10.0)
@@ -317,17 +305,11 @@ def test_p_value_allows_for_factors_that_are_estimated():
     beyond = modes.degrees > 1
     inner = found.covariance[np.ix_(beyond, beyond)]
     size = found.values[beyond] @ np.linalg.solve(inner, found.values[beyond])
-    plain = chi2.sf(size, beyond.sum())
-    assert found.p_value > 1.05 * plain
-    from scipy.stats import f
-
-    assert found.p_value == pytest.approx(f.sf(size / beyond.sum(), beyond.sum(), 80 - len(modes)), rel=1e-3)
+    assert found.p_value > 1.05 * stats.chi2.sf(size, beyond.sum())
+    assert found.p_value == pytest.approx(stats.f.sf(size / beyond.sum(), beyond.sum(), 80 - len(modes)), rel=1e-3)
 
 
 def test_errors_by_class_of_few_sources_and_of_none():
-    from fit.frames.compare import fit_by_error_class
-    from vsh import Modes
-
     field = random_field(40, 1)
     assert len(fit_by_error_class(field, Modes(1)).factors) == 1
     assert np.isnan(fit_by_error_class(field, Modes(1)).p_value)
@@ -357,7 +339,7 @@ def test_floor_is_reported_with_a_comparison_or_included(tmp_path, capsys, monke
     assert (few.best.sigma[first] > 1.2 * few.solution.sigma[first]).all()
     asked, _ = compare_catalogues(a, b, 2, floor=True)
     assert asked.floor is None
-    assert (asked.shared.together().sigma > 2 * few.solution.sigma[few.solution.modes.degrees == 1]).all()
+    assert (asked.shared.together().sigma > 2 * few.solution.sigma[first]).all()
     assert "Systematic errors" in asked.report(long=True)
     np.testing.assert_array_equal(asked.best.spin.covariance, asked.shared.solutions[0].spin.covariance)
     np.testing.assert_array_equal(asked.best.spin.value, asked.shared.solutions[0].spin.value)
@@ -383,14 +365,12 @@ def test_floor_is_reported_with_a_comparison_or_included(tmp_path, capsys, monke
     assert "a − c: differences of motion" in out
     assert out.count("Systematic errors") == 2
     assert "3 catalogues in one solution" in out
-    assert {"chain.ecsv", "chain.png"} <= {path.name for path in (tmp_path / "out").iterdir()}
     written = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"comparison_b.ecsv", "comparison_c.ecsv", "parameters_c.ecsv", "shared_b.png", "shared_c.ecsv"} <= written
+    assert {"chain.ecsv", "chain.png"} <= written
     assert fit.storage.read(tmp_path / "out" / "comparison_c.ecsv").shared is not None
-    assert (
-        main(["--config", str(tmp_path / "out" / "run.toml"), "--output", str(tmp_path / "again"), "--format", "none"])
-        == 0
-    )
+    again = ["--config", str(tmp_path / "out" / "run.toml"), "--output", str(tmp_path / "again"), "--format", "none"]
+    assert main(again) == 0
     assert "a − c: differences" in capsys.readouterr().out
     assert main([*paths[:2], str(tmp_path / "none.fits")]) == 1
     assert "no such file" in capsys.readouterr().err

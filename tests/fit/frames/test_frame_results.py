@@ -13,13 +13,10 @@ TURNED = (0, 0, 5.0)
 
 @pytest.fixture(scope="module")
 def catalogues():
-    quasars = sim.quasars(400, rng=1)
-    names = np.arange(400).astype(str)
-    fields = [
-        sim.observe(quasars, sim.spin(spin), rng=k, sigma=1.0)._with(name=names)
-        for k, spin in enumerate((TURNED, (0, 0, 0), TURNED))
-    ]
-    return dict(zip("abc", fields, strict=True))
+    quasars, names = sim.quasars(400, rng=1), np.arange(400).astype(str)
+    spins = {"a": TURNED, "b": (0, 0, 0), "c": TURNED}
+    fields = (sim.observe(quasars, sim.spin(spin), rng=k, sigma=1.0) for k, spin in enumerate(spins.values()))
+    return {label: field._with(name=names) for label, field in zip(spins, fields, strict=True)}
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,12 @@ from fit.in_time import waves
 from vsh import Field, FrameError, Vector
 from vsh.classes import Classes
 from vsh.io.parts import as_parts
+from vsh.models.cosmology import velocity_in_frame
 from vsh.scalars import ScalarField
+from vsh.sky.astrometry import propagate
+from vsh.sky.frames import Positions
 from vsh.tools.errors import ParameterError, VshError
+from vsh.tools.formats import hide_secrets
 
 
 def test_motions_of_a_model_are_those_of_its_axes():
@@ -76,16 +80,12 @@ def test_edges_of_classes_keep_their_digits():
 
 
 def test_velocities_are_converted():
-    from vsh.models.cosmology import velocity_in_frame
-
     assert velocity_in_frame(Vector([369000.0, 0, 0], np.eye(3), unit="m/s"), "icrs").value[0] == pytest.approx(369.0)
     with pytest.raises(VshError):
         velocity_in_frame(Vector([369.0, 0, 0], np.eye(3), unit="uas/yr"), "icrs")
 
 
 def test_parallaxes_below_their_motions_stay():
-    from vsh.sky.astrometry import propagate
-
     five = np.array([[1.0], [0.3], [100.0], [1e5], [0.0]])
     for light_time in (True, False):
         assert propagate(five, [0.0], [2016.0], [2026.0], light_time=light_time)[0][2] == pytest.approx(100.0, rel=1e-3)
@@ -93,8 +93,6 @@ def test_parallaxes_below_their_motions_stay():
 
 @pytest.mark.parametrize("address", ["https://u:pa?ss@host/t", "https://u:p::w@host/t", "https://u:pa'ss@host/t"])
 def test_passwords_of_any_characters_are_hidden(address):
-    from vsh.tools.formats import hide_secrets
-
     assert hide_secrets(f"no answer from {address}") == "no answer from https://host/t"
 
 
@@ -102,8 +100,6 @@ def test_differences_of_two_frames_have_a_sign():
     a, b = random_field(300, 1), random_field(300, 2)
     b = Field(a.lon, a.lat, b.motion, b.sigma, name=np.arange(300))
     a = Field(a.lon, a.lat, a.motion, a.sigma, name=np.arange(300))
-    from vsh.sky.frames import Positions
-
     one, two = (Positions(f.lon, f.lat + 1e-9 * k, f.sigma, name=f.name) for k, f in enumerate((a, b)))
     result = fit.frames.compare.compare_catalogues(one, two, 1)
     result = result[0] if isinstance(result, tuple) else result

@@ -16,7 +16,8 @@ from fit.commands.compare import main as compare
 from fit.commands.fit import main
 from fit.frames.compare import compare_catalogues
 from fit.resample import bootstrap
-from fit.results.output import answer_of
+from fit.results.output import answer_of, format_amplitude, format_direction, is_seen
+from fit.results.output._text import words_of
 from sim.commands.simulate import main as simulate
 from study.referee import read_quasars, referee
 from vsh.tools.digits import format_with_error, printed_p_value
@@ -255,9 +256,6 @@ def test_rows_of_the_sources(catalogue, tmp_path, capsys):
 
 def test_a_vector_below_two_of_its_errors_has_no_direction_anywhere():
     """Correlated components: zero is unlikely, and the length is 0.4 of its error."""
-    from fit.results.output import format_amplitude, format_direction, is_seen
-    from fit.results.output._text import words_of
-
     axis = np.array([1.0, 1.0, 1.0]) / np.sqrt(3)
     covariance = 1e4 * np.outer(axis, axis) + np.eye(3)
     vector = vsh.Vector(40 * axis + 5 * np.array([1.0, -1.0, 0.0]), covariance)

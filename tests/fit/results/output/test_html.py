@@ -2,6 +2,7 @@ import re
 from html.parser import HTMLParser
 
 import pytest
+from astropy.table import Table
 from conftest import ROOT, random_field
 
 import fit
@@ -52,8 +53,6 @@ def test_page_agrees_with_the_report(page):
 
 
 def test_page_escapes_what_a_table_contains(tmp_path, capsys):
-    from astropy.table import Table
-
     table = Table.read(ROOT / "fit" / "demo.fits")[:300]
     path = tmp_path / "<b>&.fits"
     table.write(path)
