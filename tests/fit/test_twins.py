@@ -6,7 +6,6 @@ from astropy.table import Table
 
 import fit
 import sim
-from fit.commands.redshift import main as redshift
 from fit.redshift import binned, permutation_test
 from vsh import Coefficients, Modes
 from vsh.io.catalogue import match, read_field, read_icrf
@@ -73,17 +72,6 @@ def test_bins_of_a_table_with_wrong_errors_claim_nothing(vlba):
     assert found.trend().test.p_value_quoted < 0.05
 
 
-@pytest.mark.slow
-def test_velocity_and_bins_from_the_shell(vlba, capsys):
-    assert redshift([str(vlba), "--h0", "67.4", "--redshift-frame", "true"]) == 1
-    assert "4 of 659 redshifts give no distance" in capsys.readouterr().err
-    words = ["--bins", "0.01,0.5,1,1.5,7", "--h0", "67.4", "--on-bad", "drop", "--redshift-frame", "true", "--long"]
-    assert redshift([str(vlba), *words]) == 0
-    text = capsys.readouterr().out
-    assert "left out 58 of 713 sources without a usable redshift: 54 missing, 4 zero or negative" in text
-    assert "constant acceleration plus secular parallax, |v| = 370 km/s" in text
-
-
 def icrf_line(i, lon, lat, sigma):
     hours, degrees = np.degrees(lon) / 15, np.degrees(abs(lat))
     h, d = int(hours), int(degrees)
@@ -135,27 +123,3 @@ def test_selection_function_from_a_file(tmp_path, capsys):
     assert simulate([*words, str(tmp_path / "where.fits")]) == 1
     assert "does not state its frame" in capsys.readouterr().err
     assert simulate([*words, f"icrs:{tmp_path / 'where.fits'}"]) == 0
-
-
-@pytest.mark.slow
-def test_redshifts_and_places_of_a_survey(tmp_path, capsys):
-    """As OpenNGC's galaxies and SDSS' quasars: a population from a table, simulated, binned, fitted."""
-    galaxies = sim.galaxies(3000, 2, "igql")
-    z = galaxies.redshift.copy()
-    z[:40] = np.nan
-    z[40:60] = -1e-4
-    Table({"RA": np.degrees(galaxies.lon), "DEC": np.degrees(galaxies.lat), "Z": z}).write(tmp_path / "survey.fits")
-    table = Table.read(tmp_path / "survey.fits")
-    population = sim.Population(np.radians(table["RA"]), np.radians(table["DEC"]), redshift=table["Z"])
-    good = np.isfinite(population.redshift) & (population.redshift > 1e-3)
-    assert good.sum() > 2900
-    velocity = np.array([-359.0, 76.7, -44.7])
-    field = sim.observe(
-        population[good], sim.secular_parallax(velocity) + sim.acceleration((-0.236, -3.756, -2.08)), 1, sigma=3.0
-    )
-    field.write(tmp_path / "simulated.fits")
-    words = ["--bins", "0.001,0.01,0.02,0.031", "--h0", "67.3", "--dispersion", "0", "--output", str(tmp_path / "out")]
-    assert redshift([str(tmp_path / "simulated.fits"), *words]) == 0
-    found = Table.read(tmp_path / "out" / "velocity.ecsv")
-    assert np.abs((found["value"][:3] - velocity) / found["sigma"][:3]).max() < 4
-    assert "spin alike in all bins" in capsys.readouterr().out
