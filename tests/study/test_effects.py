@@ -23,7 +23,6 @@ def test_attractions():
 
 
 def test_galactic_acceleration():
-    assert effects.circular_acceleration(223 * u.km / u.s, 8.2 * u.kpc).value == pytest.approx(4.267305, abs=2e-6)
     assert effects.apparent_motion(1e-10 * u.m / u.s**2).value == pytest.approx(2.171243, abs=5e-7)
 
 
@@ -38,8 +37,6 @@ def test_table_of_effects():
 
 
 def test_microlensing():
-    extragalactic = effects.lensing_depth(0.05 / u.Mpc**3, 1e11 * u.M_sun, 5 * u.Gpc, 10 * u.Gpc)
     galactic = effects.lensing_depth(0.1 / u.pc**3, 1 * u.M_sun, 5 * u.kpc, 10 * u.kpc)
-    assert round(extragalactic, 2) == 0.08
     assert np.floor(np.log10(galactic)) == -6
     assert effects.lensing_motion(2.0, 0.25) == 1.0

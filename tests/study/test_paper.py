@@ -106,13 +106,9 @@ def test_differences_of_few_draws_are_judged_by_t_and_f():
     from tables_and_figures import _deviate_of_means, _deviate_of_scatters, _why
 
     rng = np.random.default_rng(1)
-    draws = rng.standard_normal((20_000, 5))
-    theirs = rng.standard_normal((20_000, 100))
-    means = [
-        _deviate_of_means(a.mean() - b.mean(), a.std(ddof=1), 5, b.std(ddof=1))
-        for a, b in zip(draws, theirs, strict=True)
-    ]
-    scatters = [_deviate_of_scatters(a.std(ddof=1), 5, b.std(ddof=1)) for a, b in zip(draws, theirs, strict=True)]
+    pairs = list(zip(rng.standard_normal((20_000, 5)), rng.standard_normal((20_000, 100)), strict=True))
+    means = [_deviate_of_means(a.mean() - b.mean(), a.std(ddof=1), 5, b.std(ddof=1)) for a, b in pairs]
+    scatters = [_deviate_of_scatters(a.std(ddof=1), 5, b.std(ddof=1)) for a, b in pairs]
     for deviates in (means, scatters):
         assert np.std(deviates) == pytest.approx(1, abs=0.03)
         assert np.mean(np.abs(deviates) > 3) < 0.01

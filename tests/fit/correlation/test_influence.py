@@ -4,7 +4,8 @@ from conftest import nonuniform
 
 import fit
 from fit.correlation import influence_map, parameters_of, select_parameters
-from vsh import Modes
+from fit.correlation._matrices import _prepare_influence, _weight_derivative
+from vsh import Coefficients, Modes
 from vsh.sky.pixels import pixels_of
 from vsh.vector import correlation_of
 
@@ -63,9 +64,6 @@ def test_thousands_of_sources_take_the_transform():
 
 def influence_of_part(field, keep):
     """The same sum over some of the sources, evaluated by the harmonics."""
-    from fit.correlation._matrices import _prepare_influence, _weight_derivative
-    from vsh import Coefficients
-
     covariance, first, second, chosen = _prepare_influence(field, 2, ("omega_x", "a_y"))
     part = field[keep]
     g, h = (Coefficients(chosen.modes, covariance @ row).at(part.lon, part.lat) for row in (first, second))

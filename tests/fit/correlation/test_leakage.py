@@ -4,15 +4,15 @@ from conftest import nonuniform
 
 import fit
 import sim
+from fit.background import SHAPES, floor
 from fit.correlation import leakage, lmax_table, predict_covariance
-from vsh import Field, Modes
+from vsh import Coefficients, Field, Modes
+from vsh.sky.pixels import centres
 
 
 def test_leakage_is_the_bias_of_a_noiseless_fit():
     field = nonuniform(1000, 5)
     rng = np.random.default_rng(1)
-    from vsh import Coefficients
-
     modes = Modes(5)
     c = rng.normal(size=len(modes))
     c[[mode.l <= 2 for mode in modes]] = 0
@@ -47,8 +47,6 @@ def test_mean_squared_bias_of_2000_skies():
 
 
 def test_even_sky_leaks_nothing():
-    from vsh.sky.pixels import centres
-
     lon, lat = centres(16)
     field = Field(lon, lat, np.zeros((2, lon.size)), np.ones((2, lon.size)))
     assert np.abs(leakage(field, 2, 4).matrix).max() < 2e-3
@@ -58,8 +56,6 @@ def test_even_sky_leaks_nothing():
 
 def test_forecasts_with_what_sources_share():
     """Of a spectrum, as a dense sum says; of a floor with two shapes, as the fit of a sky of these errors has them."""
-    from fit.background import SHAPES, floor
-
     field = nonuniform(400, 3)
     modes, spectrum = Modes(4), 1e4 * SHAPES["flat"]
     normal = fit.normal_equations(field, modes)

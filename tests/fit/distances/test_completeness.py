@@ -38,9 +38,8 @@ def galaxies(seed, n=1500, softness=0.0):
 
 
 def table(field):
-    return absolute_magnitude_histogram(
-        field.magnitude, distance_modulus(transverse_distance(field.redshift), field.redshift)
-    )
+    modulus = distance_modulus(transverse_distance(field.redshift), field.redshift)
+    return absolute_magnitude_histogram(field.magnitude, modulus)
 
 
 @few_or_many(12, 100)
@@ -76,22 +75,22 @@ def test_magnitudes_of_a_sample_that_is_complete_to_none_are_left_out():
     assert calibrate(field, dispersion=300.0, magnitudes=True).luminosity is not None
 
 
-@pytest.mark.parametrize(("gap", "is_used"), [(1.5, True), (2.5, False)])
-def test_magnitudes_of_inhomogeneous_lists_are_left_out(monkeypatch, gap, is_used):
-    monkeypatch.setattr(
-        "fit.distances._calibration.find_completeness_limit", lambda bright, faintest: (faintest - gap, bright)
-    )
-    calibration = calibrate(galaxies(1), dispersion=300.0)
+@pytest.mark.parametrize(
+    ("gap", "asked", "is_used", "note"),
+    [
+        (1.5, None, True, ""),
+        (2.5, None, False, "magnitudes are not used"),
+        (np.nan, True, True, "complete to no limit"),
+    ],
+)
+def test_magnitudes_of_inhomogeneous_lists_are_left_out(monkeypatch, gap, asked, is_used, note):
+    """Unless they are asked for; where they were complete to no limit, nothing was said."""
+    finder = "fit.distances._calibration.find_completeness_limit"
+    monkeypatch.setattr(finder, lambda bright, faintest: (faintest - gap, bright))
+    calibration = calibrate(galaxies(1), dispersion=300.0, magnitudes=asked)
     assert (calibration.luminosity is not None) == is_used
-    assert any("magnitudes are not used" in note for note in calibration.notes) != is_used
-
-
-def test_magnitudes_that_are_asked_for_are_not_used_without_a_word(monkeypatch):
-    """Where they were complete to no limit, nothing was said."""
-    monkeypatch.setattr("fit.distances._calibration.find_completeness_limit", lambda bright, faintest: (np.nan, bright))
-    asked = calibrate(galaxies(1), dispersion=300.0, magnitudes=True)
-    assert asked.luminosity is not None
-    assert any("complete to no limit" in note for note in asked.notes)
+    told = [each for each in ("magnitudes are not used", "complete to no limit") if each in " ".join(calibration.notes)]
+    assert told == [note] * bool(note)
 
 
 @pytest.mark.slow

@@ -2,13 +2,16 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from itertools import takewhile
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from conftest import ROOT, few_or_many
 
 import sim
-from fit.posterior import Flat, sample
+from fit.posterior import Flat, Posterior, sample
+from fit.posterior._sampling import split_r_hat
 from vsh.tools.errors import CheckpointError
 from vsh.tools.files import atomic_write
 
@@ -129,33 +132,24 @@ def run(folder, seconds=None):
     return True
 
 
-def kill_and_go_on(base, seconds):
-    """How often it was killed before the end, and the chain."""
-    base.mkdir()
-    kills = 0
-    for each in seconds:
-        if run(base, each):
-            break
-        kills += 1
-    run(base)
-    return kills, np.load(base / "out.npy")
-
-
-def kill_many(tmp_path, groups):
-    run(tmp_path)
-    whole = np.load(tmp_path / "out.npy")
-    with ThreadPoolExecutor(4) as pool:
-        results = list(pool.map(kill_and_go_on, [tmp_path / str(i) for i in range(len(groups))], groups))
-    for _, chain in results:
-        assert (chain == whole).all()
-    return sum(kills for kills, _ in results)
-
-
 @pytest.mark.slow
 @few_or_many(5, 30, "chains")
 def test_killed_at_any_moment(chains, tmp_path):
-    rng = np.random.default_rng(1)
-    assert kill_many(tmp_path, [tuple(rng.uniform(0.2, 3.0, 3)) for _ in range(chains)]) >= 2 * chains
+    """Each chain is killed up to three times, and then goes on to its end."""
+
+    def kill_and_go_on(folder, seconds):
+        folder.mkdir()
+        kills = len(list(takewhile(lambda each: not run(folder, each), seconds)))
+        run(folder)
+        return kills, np.load(folder / "out.npy")
+
+    run(tmp_path)
+    whole = np.load(tmp_path / "out.npy")
+    with ThreadPoolExecutor(4) as pool:
+        times = np.random.default_rng(1).uniform(0.2, 3.0, (chains, 3))
+        kills, found = zip(*pool.map(kill_and_go_on, [tmp_path / str(i) for i in range(chains)], times), strict=True)
+    assert all((chain == whole).all() for chain in found)
+    assert sum(kills) >= 2 * chains
 
 
 @pytest.mark.parametrize("column", ["lon", "lat", "motion", "sigma", "rho", "redshift", "magnitude"])
@@ -169,10 +163,6 @@ def test_every_column_is_in_the_fingerprint(field, column, tmp_path):
 
 def test_burn_in_and_thinning_interval():
     """A survivor of deliberate breaks: five autocorrelation times of the slowest, half of the quickest."""
-    from types import SimpleNamespace
-
-    from fit.posterior import Posterior
-
     rng = np.random.default_rng(1)
     chain = np.zeros((4000, 8, 2))
     for t in range(1, 4000):  # autoregressive: integrated times (1 + a)/(1 − a), 19 and 3
@@ -186,8 +176,6 @@ def test_burn_in_and_thinning_interval():
 
 def test_halves_that_differ_are_seen_in_r_hat():
     """By the formula, of walkers that wander off by four of their widths from the first half to the second."""
-    from fit.posterior._sampling import split_r_hat
-
     noise = np.random.default_rng(2).normal(size=(2000, 8, 1))
     drift = np.repeat([0.0, 4.0], 1000)[:, None, None]
     one, away = split_r_hat(noise)[0], split_r_hat(noise + drift)[0]

@@ -55,9 +55,7 @@ def ranks(seed):
         field, prior, Normal(70, 12), n_samples=120_000, n_walkers=60, rng=seed, flow_amplitude=Normal(1, 0.15),
         excess_noise=Flat(0, 3), acceleration=Vector(GLIDE, 0.25 * np.eye(3)), **OPTIONS,
     )  # fmt: skip
-    truth |= dict(zip(("v_x", "v_y", "v_z"), velocity, strict=True)) | dict(
-        zip(("a_x", "a_y", "a_z"), glide, strict=True)
-    )
+    truth |= dict(zip(("v_x", "v_y", "v_z", "a_x", "a_y", "a_z"), [*velocity, *glide], strict=True))
     return {name: float(np.mean(found.samples[name] < value)) for name, value in truth.items()}
 
 

@@ -7,12 +7,14 @@ import pytest
 from conftest import few_or_many
 
 import sim
+from fit.posterior import sample
 from fit.secular_parallax import DistanceModel, hubble_constant, observer_velocity
 from vsh import Vector
 from vsh.io.parts import as_parts
 from vsh.models.cosmology import BACHCHAN_2016, FLAT_PLANCK13, transverse_distance
+from vsh.models.flows import LINEAR_PLANCK18 as THEORY
 from vsh.models.flows import VelocityGrid
-from vsh.sky.sphere import triad
+from vsh.sky.sphere import angles, triad
 from vsh.tools.errors import ParameterError
 from vsh.tools.units import AU_PER_YEAR
 
@@ -26,6 +28,11 @@ def galaxies(n=400, seed=1, hubble=67.3, sigma=2.0, **flow):
     if flow:
         truth += sim.peculiar(150.0, [seed, 3], hubble=hubble, **flow)
     return sim.observe(sim.galaxies(n, seed), truth, [seed, 2], sigma=sigma, rho=0.3)
+
+
+def without_noise(field, hubble):
+    truth = sim.secular_parallax(OURS, hubble=hubble) + sim.acceleration(ACCELERATION)
+    return field.minus(field.motion - truth(field.lon, field.lat, field.redshift))
 
 
 def test_schur_complement_is_the_dense_covariance_of_the_modes():
@@ -54,8 +61,6 @@ def test_velocity_errs_as_under_the_whole_covariance():
     found = observer_velocity(field, 67.3, flows="linear")
     rows = DistanceModel(flows="linear", n_modes=3).equations(field)
     n = len(field)
-    from vsh.models.flows import LINEAR_PLANCK18 as THEORY
-
     full = THEORY.covariance(u * r).reshape(n, 3, n, 3)
     flow = rows.flow
     axes = np.stack([flow.cos * p + flow.sin * q, flow.cos * q - flow.sin * p])
@@ -71,12 +76,7 @@ def test_velocity_errs_as_under_the_whole_covariance():
 def test_prior_variances_weigh_and_are_no_ruler():
     """H0 comes from the dipole alone: other sizes of the flow shift its expectation by nothing."""
     field = galaxies(500, hubble=90.0)
-    exact = field.minus(
-        field.motion
-        - (sim.secular_parallax(OURS, hubble=90.0) + sim.acceleration(ACCELERATION))(
-            field.lon, field.lat, field.redshift
-        )
-    )
+    exact = without_noise(field, 90.0)
     assert hubble_constant(exact, OURS, flows="linear").hubble == pytest.approx(90.0, rel=1e-9)
     assert hubble_constant(exact, OURS, flows="linear", hubble=30.0).hubble == pytest.approx(90.0, rel=1e-9)
     np.testing.assert_allclose(observer_velocity(exact, 90.0, flows="linear").values, [*OURS, *ACCELERATION], rtol=1e-7)
@@ -92,11 +92,8 @@ def from_modes(field, rng, hubble):
     velocity = tangential @ amplitude + left * rng.standard_normal((2, n))
     truth = sim.secular_parallax(OURS, hubble=hubble) + sim.acceleration(ACCELERATION)
     d = transverse_distance(field.redshift, hubble=hubble)
-    motion = (
-        truth(field.lon, field.lat, field.redshift)
-        + velocity / (AU_PER_YEAR * d)
-        + field.sigma * rng.standard_normal((2, n))
-    )
+    motion = truth(field.lon, field.lat, field.redshift) + velocity / (AU_PER_YEAR * d)
+    motion += field.sigma * rng.standard_normal((2, n))
     return replace(field, motion=motion), rows.modes.at_origin() @ amplitude
 
 
@@ -145,19 +142,15 @@ def test_local_group_leads_back_to_no_assumed_hubble_constant(hubble):
 def test_known_glide_is_data():
     field = galaxies(400, flow="linear", n_modes=100)
     known = Vector(ACCELERATION, 0.1**2 * np.eye(3))
-    free, given = (
-        observer_velocity(field, 67.3, flows="linear"),
-        observer_velocity(field, 67.3, flows="linear", acceleration=known),
+    loose = Vector(ACCELERATION, 1e6 * np.eye(3))
+    tight = Vector(ACCELERATION, 1e-10 * np.eye(3)).to_frame("galactic")
+    free, given, nothing = (
+        observer_velocity(field, 67.3, flows="linear", acceleration=each) for each in (None, known, loose)
     )
     assert (given.velocity.sigma < free.velocity.sigma).all()
-    loose = Vector(ACCELERATION, 1e6 * np.eye(3))
-    np.testing.assert_allclose(
-        observer_velocity(field, 67.3, flows="linear", acceleration=loose).values, free.values, rtol=1e-3, atol=1e-3
-    )
-    tight = Vector(ACCELERATION, 1e-10 * np.eye(3)).to_frame("galactic")
-    np.testing.assert_allclose(
-        observer_velocity(field, 67.3, acceleration=tight).acceleration.value, ACCELERATION, atol=1e-4
-    )
+    np.testing.assert_allclose(nothing.values, free.values, rtol=1e-3, atol=1e-3)
+    held = observer_velocity(field, 67.3, acceleration=tight).acceleration
+    np.testing.assert_allclose(held.value, ACCELERATION, atol=1e-4)
 
 
 @pytest.mark.slow
@@ -167,18 +160,14 @@ def test_reconstruction_lowers_the_errors_and_they_hold():
     rng = np.random.default_rng(3)
     chi2, gain = [], []
     x = np.linspace(-150, 150, 31)
-    from vsh.sky.sphere import angles
-
     cube = np.stack(np.meshgrid(x, x, x, indexing="ij")).reshape(3, -1)
     far = np.linalg.norm(cube, axis=0)
     rows = DistanceModel(flows="linear", n_modes=120).equations(still)
     p, q, u = triad(*angles(cube))
     tangential, radial = rows.modes.at(*angles(cube), np.maximum(far, 1.0))
+    distance = transverse_distance(still.redshift)
     for _ in range(40):
-        known, unknown = (
-            np.sqrt(0.75) * rng.standard_normal(len(rows.modes)),
-            0.5 * rng.standard_normal(len(rows.modes)),
-        )
+        known, unknown = np.sqrt([[0.75], [0.25]]) * rng.standard_normal((2, len(rows.modes)))
         east, north = tangential @ known
         grid = VelocityGrid((east * p + north * q + (radial @ known) * u).reshape(3, 31, 31, 31), 150.0, "icrs")
         across, _ = rows.modes.at(still.lon, still.lat, rows.flow.distance)
@@ -189,12 +178,9 @@ def test_reconstruction_lowers_the_errors_and_they_hold():
         e, n, _ = triad(still.lon, still.lat)
         velocity = velocity + np.stack([np.sum(found * e, 0), np.sum(found * n, 0)])
         truth = sim.secular_parallax(OURS) + sim.acceleration(ACCELERATION)
-        motion = truth(still.lon, still.lat, still.redshift) + velocity / (
-            AU_PER_YEAR * transverse_distance(still.redshift)
-        )
-        field = replace(
-            still, motion=motion + still.sigma * rng.standard_normal((2, len(still))), rho=np.zeros(len(still))
-        )
+        motion = truth(still.lon, still.lat, still.redshift) + velocity / (AU_PER_YEAR * distance)
+        motion += still.sigma * rng.standard_normal((2, len(still)))
+        field = replace(still, motion=motion, rho=np.zeros(len(still)))
         options = {"flows": "linear", "n_modes": 120}
         with_grid = observer_velocity(field, 67.3, **options, reconstruction=grid, reconstruction_error=0.5)
         off = with_grid.values[:3] - OURS
@@ -227,12 +213,7 @@ def test_flow_is_a_result():
 
 def test_distances_in_mpc_tell_v_and_not_v_h0():
     field = galaxies(600, hubble=90.0)
-    exact = field.minus(
-        field.motion
-        - (sim.secular_parallax(OURS, hubble=90.0) + sim.acceleration(ACCELERATION))(
-            field.lon, field.lat, field.redshift
-        )
-    )
+    exact = without_noise(field, 90.0)
     d = transverse_distance(field.redshift, hubble=90.0)
     own = np.where(np.arange(600) < 200, d, np.nan)
     exact = replace(exact, distance=own, distance_error=1e-4 * own)
@@ -240,8 +221,6 @@ def test_distances_in_mpc_tell_v_and_not_v_h0():
     assert hubble_constant(exact, OURS).hubble == pytest.approx(90.0, rel=1e-5)
     only = exact[:200]
     np.testing.assert_allclose(observer_velocity(only, 50.0).velocity.value, OURS, rtol=1e-5)  # whatever H0 is
-    from fit.posterior import sample
-
     with pytest.raises(ParameterError, match="200 sources have distances in Mpc"):
         sample(exact, n_samples=1000, progress=False)
 
@@ -280,12 +259,15 @@ def test_local_group_needs_a_flow():
         hubble_constant(galaxies(60), "planck", local_group=3, flows="linear", n_modes=9)
 
 
+def seen(n):
+    signal = sim.secular_parallax((-358, 77, -45))
+    return sim.observe(sim.galaxies(n, 5), signal, 6, sigma=0.5, redshifts="heliocentric")
+
+
 @pytest.mark.parametrize("error", [0.012, 0.05, 0.3, 50.0])
 def test_one_wrong_redshift_error_moves_nothing(error):
     """A source that is put far away outweighed all others: 1.7 errors in v, and smaller errors."""
-    field = sim.observe(
-        sim.galaxies(400, 5), sim.secular_parallax((-358, 77, -45)), 6, sigma=0.5, redshifts="heliocentric"
-    )
+    field = seen(400)
     usual = np.full(len(field), 1e-4)
     row = int(np.argmin(np.abs(field.redshift - 0.02)))
     wrong = usual.copy()
@@ -299,9 +281,7 @@ def test_one_wrong_redshift_error_moves_nothing(error):
 
 
 def test_hubble_constant_of_an_observer_in_the_flow_is_warned_of():
-    field = sim.observe(
-        sim.galaxies(200, 5), sim.secular_parallax((-358, 77, -45)), 6, sigma=0.5, redshifts="heliocentric"
-    )
+    field = seen(200)
     options = {"n_modes": 30}
     assert any("too low" in str(note) for note in hubble_constant(field, "planck", **options).notes)
     for silent in ({"local_group": True}, {"redshift_frame": "true"}, {"flows": None}):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from astropy.cosmology import LambdaCDM
 from conftest import STUDY
 from scipy.stats import binom
 
@@ -174,8 +175,6 @@ def test_residuals_that_tell_nothing_say_so():
 
 
 def test_curved_space_moves_sources_by_the_parallax_distance():
-    from astropy.cosmology import LambdaCDM
-
     curved = LambdaCDM(67.3, 0.315, 0.785)
     assert curved.Ok0 == pytest.approx(-0.1)
     truth = sim.secular_parallax(OURS, cosmology=curved) + sim.acceleration(GLIDE)

@@ -7,10 +7,12 @@ from conftest import few_or_many
 
 import sim
 from fit.secular_parallax import DistanceModel, hubble_constant, observer_velocity
-from fit.secular_parallax._solution import HubbleSolution
+from fit.secular_parallax._solution import HubbleSolution, _describe_limits
 from vsh import Field, Vector
-from vsh.models.cosmology import BACHCHAN_2016, FlatLCDM
+from vsh.models.cosmology import BACHCHAN_2016, FlatLCDM, transverse_distance
+from vsh.sky.sphere import triad
 from vsh.tools.errors import DegeneracyError, FieldError, ParameterError
+from vsh.tools.units import AU_PER_YEAR
 
 VELOCITY = BACHCHAN_2016.to_frame("icrs").value
 ACCELERATION = np.array([-0.236, -3.756, -2.080])
@@ -60,10 +62,6 @@ def test_another_cosmology_changes_the_shape_alone():
 
 def design_matrix(field, hubble, peculiar, excess_noise):
     """The same least squares, written out with full 2 × 2 covariances."""
-    from vsh.models.cosmology import transverse_distance
-    from vsh.sky.sphere import triad
-    from vsh.tools.units import AU_PER_YEAR
-
     rate = 1 / (AU_PER_YEAR * transverse_distance(field.redshift, hubble=hubble))
     p, q, _ = triad(field.lon, field.lat)
     normal, rhs = np.zeros((9, 9)), np.zeros(9)
@@ -98,10 +96,8 @@ def test_known_spin_is_taken_away_and_its_errors_carried_on():
     plain = observer_velocity(field, 67.3, spin=known)
     with_errors = observer_velocity(field, 67.3, spin=Vector(SPIN, 0.04 * np.eye(3)))
     # θ is linear in ω: the covariance by three unit steps.
-    steps = np.stack(
-        [observer_velocity(field, 67.3, spin=Vector(SPIN + step, np.zeros((3, 3)))).values for step in np.eye(3)], 1
-    )
-    carried = steps - plain.values[:, None]
+    spins = [Vector(SPIN + step, np.zeros((3, 3))) for step in np.eye(3)]
+    carried = np.stack([observer_velocity(field, 67.3, spin=spin).values - plain.values for spin in spins], 1)
     np.testing.assert_allclose(with_errors.covariance, plain.covariance + 0.04 * carried @ carried.T, rtol=1e-6)
     np.testing.assert_allclose(with_errors.values, plain.values)
     turned = observer_velocity(field, 67.3, spin=known.to_frame("galactic"))
@@ -121,10 +117,8 @@ def test_frame_does_not_matter():
 
 def test_velocity_and_hubble_are_the_same_product():
     field = galaxies(400, 4)
-    one, two = (
-        observer_velocity(field, 67.3, peculiar_dispersion=0, flows=None),
-        observer_velocity(field, 134.6, peculiar_dispersion=0, flows=None),
-    )
+    options = {"peculiar_dispersion": 0, "flows": None}
+    one, two = (observer_velocity(field, hubble, **options) for hubble in (67.3, 134.6))
     np.testing.assert_allclose(one.velocity.value, 2 * two.velocity.value, rtol=1e-9)
     fast, slow = hubble_constant(field, 2 * VELOCITY), hubble_constant(field, VELOCITY)
     assert slow.hubble == pytest.approx(2 * fast.hubble)
@@ -182,26 +176,15 @@ def test_background_as_a_test():
         (lambda f: hubble_constant(f, (0, 0, 0)), ParameterError, "has no direction"),
         (lambda f: hubble_constant(f, (1, 2)), ParameterError, "three components"),
         (lambda f: hubble_constant(f, "cobe"), ParameterError, "there are planck, paper"),
-        (
-            lambda f: observer_velocity(f, 70, peculiar_dispersion=-1),
-            ParameterError,
-            "peculiar_dispersion must be zero or more, not -1",
-        ),
+        (lambda f: observer_velocity(f, 70, peculiar_dispersion=-1), ParameterError, "peculiar_dispersion must be zero or more, not -1"),
         (lambda f: observer_velocity(f, 70, spin="none"), ParameterError, "spin is None, 'free' or a Vector"),
         (lambda f: observer_velocity(f[:2], 70), DegeneracyError, "2 sources cannot separate v_x"),
         (lambda f: observer_velocity(f._with(redshift=None), 70), FieldError, "no redshifts"),
-        (
-            lambda f: observer_velocity(f._with(redshift=np.full(50, 0.01)), 70),
-            DegeneracyError,
-            "more than one distance",
-        ),
-        (
-            lambda f: observer_velocity(f._with(redshift=np.r_[np.nan, 0.0, -1, f.redshift[3:]]), 70),
-            FieldError,
-            "3 of 50 redshifts .* 1 missing, 2 zero or negative",
-        ),
+        (lambda f: observer_velocity(f._with(redshift=np.full(50, 0.01)), 70), DegeneracyError, "more than one distance"),
+        (lambda f: observer_velocity(f._with(redshift=np.r_[np.nan, 0.0, -1, f.redshift[3:]]), 70), FieldError,
+         "3 of 50 redshifts .* 1 missing, 2 zero or negative"),
     ],
-)
+)  # fmt: skip
 def test_bad_input(call, error, words):
     with pytest.raises(error, match=words):
         call(galaxies(50, 1))
@@ -239,6 +222,4 @@ def test_limit_of_a_positive_constant_covers_where_noise_makes_the_estimate_nega
 )
 def test_limits_are_said_where_there_are_some(limits, words):
     """Found by a newcomer: below 0.0 and above 0.0."""
-    from fit.secular_parallax._solution import _describe_limits
-
     assert _describe_limits(*limits) == words

@@ -11,7 +11,7 @@ import sim
 from fit.waves import search, search_in_time
 from fit.waves._search import WhitenedData, _basis, noise_maxima, search_directions, simulated_p_value
 from vsh import DegeneracyError, Field, ModesError, ParameterError
-from vsh.io.epochs import Observations, read_observations
+from vsh.io.epochs import Observations, design_row, read_observations
 from vsh.length import length_limits
 from vsh.models.waves import wave_motions
 
@@ -56,9 +56,8 @@ def test_all_other_coefficients_are_free():
 
 @pytest.mark.slow
 def test_wave_is_found():
-    found = [
-        search(fit.fit_field(sky(seed=seed, signal=sim.plane_wave(K, 15.0, -8.0)), 5), n_skies=200) for seed in range(8)
-    ]
+    skies = (sky(seed=seed, signal=sim.plane_wave(K, 15.0, -8.0)) for seed in range(8))
+    found = [search(fit.fit_field(each, 5), n_skies=200) for each in skies]
     assert all(each.p_value == pytest.approx(1 / 201) for each in found)
     assert np.median([np.degrees(np.arccos(each.vector @ K)) for each in found]) < 12
     best = np.argmin(np.sum((np.array([each.vector for each in found]) - K) ** 2, axis=1))
@@ -136,8 +135,6 @@ def observations(n=150, seed=1, frequency=1.3, amplitude=0.0):
     lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
     source, time = np.repeat(np.arange(n), 50), rng.uniform(-2.5, 2.5, 50 * n)
     angle, factor = rng.uniform(0, 2 * np.pi, 50 * n), rng.uniform(-0.7, 0.7, 50 * n)
-    from vsh.io.epochs import design_row
-
     design, error = design_row(angle, factor, time), np.full(50 * n, 100.0)
     own = rng.normal(0, 500, (n, 5))
     position = np.einsum("ki,ik->k", own[source], design) + error * rng.normal(size=50 * n)
@@ -155,10 +152,8 @@ def test_wave_in_time_is_found_and_noise_is_not():
     assert found.amplitude == pytest.approx(40 * np.hypot(1, 0.5), rel=0.35)
     assert found.strain() == pytest.approx(found.amplitude * 4.848e-12, rel=1e-3)
     assert "plus cos" in found.report()
-    none = [
-        search_in_time(observations(seed=seed), 1.3, lmax=3, nside=4, n_skies=60, attitude="known").p_value
-        for seed in range(30)
-    ]
+    skies = (observations(seed=seed) for seed in range(30))
+    none = [search_in_time(each, 1.3, lmax=3, nside=4, n_skies=60, attitude="known").p_value for each in skies]
     assert kstest(none, "uniform").pvalue > 0.01
     # Elsewhere in frequency there is nothing.
     assert search_in_time(observations(amplitude=40.0), 2.9, lmax=4, n_skies=100, attitude="known").p_value > 0.01

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from astropy.table import Table
 
 import sim
 from sim.commands import simulate
@@ -33,8 +34,6 @@ def epochs(tmp_path_factory):
 
 
 def test_file_of_all_columns(epochs):
-    from astropy.table import Table
-
     table = Table.read(epochs)
     assert len(table.colnames) == 37
     assert table["centroid_pos_al"].shape[1] == 10
@@ -88,8 +87,6 @@ def test_calibration_is_allowed_for(epochs, capsys):
 
 @pytest.mark.slow
 def test_law_from_a_table(epochs, tmp_path, capsys):
-    from astropy.table import Table
-
     law = sim.NominalScanningLaw(years=3.0)
     time = np.arange(0, 3.0, 1 / 365.25 / 288)
     _, *views = law.attitude(time)
@@ -111,8 +108,6 @@ def test_law_from_a_table(epochs, tmp_path, capsys):
 
 
 def test_files_that_lack_something(epochs, tmp_path, capsys):
-    from astropy.table import Table
-
     table = Table.read(epochs)
     table.remove_columns(["ra0", "dec0"])
     table.write(tmp_path / "without.fits")
@@ -145,8 +140,6 @@ def test_options_that_make_no_sense(words, tmp_path, capsys):
 @pytest.mark.slow
 def test_law_that_is_far_off_is_said_in_short(epochs, tmp_path, capsys):
     """Angles in radians without a unit: the law was 90° off, which `--long` alone said."""
-    from astropy.table import Table
-
     table = Table.read(epochs)
     table["scan_pos_angle"] = np.radians(np.asarray(table["scan_pos_angle"]))
     table.write(tmp_path / "radians.fits")

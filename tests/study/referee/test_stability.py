@@ -6,7 +6,7 @@ from conftest import few_or_many
 from scipy.stats import kstest
 
 import sim
-from fit import normal_equations
+from fit import fit_field, normal_equations
 from fit.background import floor
 from study.referee._quasars import degree_shift, method_shift, most_influential_source
 from vsh import Field
@@ -27,8 +27,6 @@ def sky(rng, n=N, factor=1.0):
 @pytest.mark.slow
 def test_by_degree_is_exact():
     """The move is that of the two fits, its covariance what skies scatter by."""
-    from fit import fit_field
-
     field = sky(np.random.default_rng(1))
     move, error, _ = degree_shift(field, 2, 5, None)
     fits = [fit_field(field, lmax).acceleration.value for lmax in (5, 2)]
@@ -66,9 +64,8 @@ def test_by_source():
     p = []
     for seed in range(60):
         shared = sim.systematics(15 * Spectrum.flat(), seed)(LON, LAT)
-        p.append(
-            most_influential_source(Field(LON, LAT, sky(np.random.default_rng(seed)).motion + shared, SIGMA, RHO), 2)[2]
-        )
+        motion = sky(np.random.default_rng(seed)).motion + shared
+        p.append(most_influential_source(Field(LON, LAT, motion, SIGMA, RHO), 2)[2])
     assert np.mean(np.array(p) < 0.05) < 0.12
     field = sky(np.random.default_rng(3))
     motion = field.motion.copy()
@@ -81,8 +78,6 @@ def test_by_source():
 
 
 def test_by_source_is_the_move_when_it_is_left_out():
-    from fit import fit_field
-
     field = sky(np.random.default_rng(8))
     row, size, _ = most_influential_source(field, 2)
     kept = np.delete(np.arange(N), row)
