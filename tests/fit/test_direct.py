@@ -48,6 +48,7 @@ def test_nine_parameters_are_weighted_least_squares():
     np.testing.assert_allclose(found.covariance, np.linalg.inv(normal), atol=1e-12)
     assert found.chi2 == pytest.approx(square - rhs @ found.values, rel=1e-9)
     assert found.dof == 2 * (300 + 50) - 9
+    np.testing.assert_allclose(found.sigma, np.sqrt(np.diag(np.linalg.inv(normal))), rtol=1e-9)
     assert found.names[:4] == ("epsilon_x", "epsilon_y", "epsilon_z", "omega_x")
     assert found.orientation.unit == "µas"
     np.testing.assert_allclose(found.correlation[:3, 3:], 0, atol=1e-15)
