@@ -89,7 +89,7 @@ def loud():
 def test_maximum_is_the_highest_point(loud):
     likelihood = Likelihood(loud, [Spectrum.odd(), Spectrum.even()], (2, 3, 4), (1,))
     best = likelihood.maximum()
-    ratios, top = best.amplitudes / best.noise_scale**2, None
+    ratios = best.amplitudes / best.noise_scale**2
     top = likelihood.profile(ratios) + likelihood.chi2 / 2
     assert (best.amplitudes > 0).all()
     for factor in (0.9, 0.99, 1.01, 1.1):
