@@ -94,7 +94,7 @@ def test_luminosity_function_comes_back():
     magnitude = np.linspace(-21.0, -15.8, 30)
     log = curve.log(magnitude) + (magnitude + 18) ** 2 / 4.5
     assert np.ptp(log) < 0.3
-    assert "galaxies to magnitude 2" in curve.words or "galaxies to magnitude 19.9" in curve.words
+    assert "galaxies to magnitude 20.0" in curve.words
 
 
 def test_curve_goes_on_straight():
