@@ -239,6 +239,13 @@ def test_parts_by_name():
         solution["acceleration"]
 
 
+def test_fast_stars_without_a_radial_velocity_are_named():
+    stars = sim.link(1, 20)
+    known, unknown = (link(each, robust=False).notes for each in (stars, replace(stars, radial_velocity=None)))
+    assert any("1 near, fast stars without a radial velocity, star 5 for one" in note for note in unknown)
+    assert not any("radial velocity" in note for note in known)
+
+
 class TestBadInput:
     def test_too_few(self):
         with pytest.raises(DegeneracyError, match="cannot separate"):
