@@ -4,6 +4,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from conftest import random_field
+from matplotlib.figure import Figure
 
 import fit
 from vsh import Coefficients, Field, Modes, ParameterError
@@ -133,6 +134,6 @@ def test_noise_colours_one_arrow_in_twenty():
 
 
 def test_matrix_of_many_modes_of_one_degree_has_its_name():
-    axes = plt.subplots()[1]
+    axes = Figure().subplots()
     draw_matrix(axes, np.eye(33), [f"s(16,{m})" for m in range(33)], ["S16"] * 33)
     assert [label.get_text() for label in axes.get_xticklabels()] == ["S16"]
