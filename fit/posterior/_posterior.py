@@ -346,12 +346,9 @@ class Posterior(SampleResult):
         ConvergenceError
             If the chain is too short.
         """
-        self._check_length()
-        every = slice(self.burn_in, None, self.thinning)
-        draws = np.moveaxis(self.chain[every], 1, 0)
-        samples = self.model.to_samples(draws.reshape(-1, draws.shape[-1]), np.random.default_rng([self.seed, 1]))
-        chains = {name: values.reshape(draws.shape[:2]) for name, values in samples.items()}
-        return inference_data(chains, self.log_probability[every].T, self.frame, UNITS)
+        chains = {name: self._chains(name)[:, :, 0].T for name in self.samples}
+        log_probability = self.log_probability[self.burn_in :: self.thinning]
+        return inference_data(chains, log_probability.T, self.frame, UNITS)
 
     def corner(
         self, names: Sequence[str] | None = None, truths: Mapping[str, float] | None = None, *, ax: OnAxes | None = None
