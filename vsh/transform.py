@@ -150,16 +150,12 @@ def fourier_moments(
     """
     rows = np.zeros(((len(planes) + 1) // 2, planes.shape[1]), complex)
     rows.real, rows.imag[: len(planes) // 2] = planes[::2], planes[1::2]
-    moments = np.empty((len(rows), 2 * max_order + 1, 2 * max_order + 1), complex)
-    ducc0.nufft.nu2u(
-        points=rows,
-        coord=np.stack([lon, lat], axis=1),
-        forward=True,
-        epsilon=epsilon,
-        nthreads=1,
-        out=moments,
-        periodicity=2 * np.pi,
-    )
+    moments = np.zeros((len(rows), 2 * max_order + 1, 2 * max_order + 1), complex)
+    if planes.size:
+        coord = np.stack([lon, lat], axis=1)
+        ducc0.nufft.nu2u(
+            points=rows, coord=coord, forward=True, epsilon=epsilon, nthreads=1, out=moments, periodicity=2 * np.pi
+        )
     mirror = np.conj(moments[:, ::-1, ::-1])
     pairs = np.stack([(moments + mirror) / 2, (moments - mirror) / 2j], axis=1)
     return pairs.reshape(-1, *moments.shape[1:])[: len(planes)]

@@ -104,7 +104,8 @@ def rings_of(modes: Modes) -> Rings:
 
 def fourier_sums(field: Any, lmax: int, threads: int | None = None) -> tuple[ComplexArray, ComplexArray, float]:
     """All that a fit to degree L needs of the sources: sums over them, which add."""
-    blocks = map_blocks(lambda part: _moments(field[part], lmax), len(field), BLOCK, threads, "normal equations")
+    n = max(len(field), 1)  # no source is a block, too
+    blocks = map_blocks(lambda part: _moments(field[part], lmax), n, BLOCK, threads, "normal equations")
     nothing: Any = 0, 0, 0.0
     weights, motions, chi2_null = reduce(add_sums, blocks, nothing)
     return weights, motions, float(chi2_null)

@@ -443,14 +443,13 @@ def with_acceleration(sums: ParallaxSums, acceleration: Vector | None, frame: st
         return sums
     if not isinstance(acceleration, Vector):
         raise ParameterError(f"the acceleration is a Vector with its covariance, not {type(acceleration).__name__}")
-    prior = acceleration.to_frame(frame)
-    if not np.linalg.eigvalsh(prior.covariance)[0] > 0:
-        raise ParameterError("an acceleration that is known needs errors in all three components")
-    return with_prior(sums, prior, A)
+    return with_prior(sums, acceleration.to_frame(frame), A)
 
 
 def with_prior(sums: ParallaxSums, prior: Vector, at: slice) -> ParallaxSums:
     """Add a Gaussian prior on one of the vectors of unknowns."""
+    if not np.linalg.eigvalsh(prior.covariance)[0] > 0:
+        raise ParameterError("an acceleration or a spin that is known needs errors in all three components")
     weight = np.linalg.inv(prior.covariance)
     matrix, rhs = sums.matrix.copy(), sums.rhs.copy()
     matrix[..., at, at] += weight

@@ -96,3 +96,11 @@ def test_rotated_catalogue_has_the_same_chi2():
     field = cut_sky(20_000, 5)
     one, two = (fit.fit_field(f, 4) for f in (field, field.to_frame("galactic")))
     assert one.chi2 == pytest.approx(two.chi2, rel=1e-12)
+
+
+def test_no_source_is_nothing_in_every_sum():
+    """A part of which a condition selects nothing."""
+    field = random_field(50, seed=1)
+    for method in ("compressed", "design-matrix"):
+        whole = fit.normal_equations(field, 2, method=method)
+        assert (whole + fit.normal_equations(field[:0], 2, method=method)).matrix.tolist() == whole.matrix.tolist()

@@ -283,6 +283,7 @@ def test_posterior_without_limits_says_so():
         ({"n_samples": 100}, ParameterError, "fewer than two steps"),
         ({"velocity_prior": lambda v: np.full(len(v), -np.inf)}, ParameterError, "zero wherever it was tried"),
         ({"spin": "none"}, ParameterError, "spin is None, 'free' or a Vector"),
+        ({"spin": Vector([0, 0, 0], np.diag([1.0, 1, 0]))}, ParameterError, "needs errors in all three"),
     ],
 )
 def test_bad_input(options, error, words):
