@@ -61,7 +61,7 @@ BREAKS = [
     ("vsh/io/epochs/_solve.py", "3 - 10 / 3 * np.exp", "3 - 9 / 3 * np.exp", "test_epochs.py"),
     ("sim/gaia/_crf.py", "correlation[pixel, 0, 1]", "correlation[pixel, 0, 2]", "test_acceleration_paper.py"),
     ("fit/in_time/_equations.py", "columns[mine] -= fitted", "columns[mine] -= 0.9 * fitted", "test_in_time.py"),
-    ("fit/background/_likelihood.py", "return (gain - logdet) / 2", "return gain / 2 - logdet", "test_floor.py"),
+    ("fit/background/_likelihood.py", "return (gain - logdet) / 2", "return gain / 2 - logdet", "test_background_likelihood.py"),
     ("fit/in_time/_solution.py", '- self._made["line"] @', '- 0 * self._made["line"] @', "test_in_time.py"),
     ("sim/agis/_response.py", "remainder -= share * view", "remainder += share * view", "test_response.py"),
     ("vsh/io/epochs/_observations.py", "code == preceding, 1, -1)", "code == preceding, -1, 1)", "test_epochs.py"),

@@ -51,6 +51,8 @@ def test_likelihood_is_the_dense_one(amplitudes, noise_scale):
     likelihood = Likelihood(fit.normal_equations(FIELD, MODES), SPECTRA, (2, 3, 4), (1,))
     expected = dense(FIELD, amplitudes, noise_scale) - dense(FIELD, (0, 0), 1)
     assert likelihood(amplitudes, noise_scale) == pytest.approx(expected, abs=1e-9)
+    alone = dense(FIELD, amplitudes, 1) - dense(FIELD, (0, 0), 1)
+    assert likelihood.log_likelihood(np.array(amplitudes)) == pytest.approx(alone, abs=1e-9)
 
 
 def test_one_free_degree_is_a_degree():
