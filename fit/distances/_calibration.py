@@ -74,7 +74,7 @@ class Calibration(InNotebook):
         Density of sources in space: of all where there is a luminosity function, else of those in the catalogue.
     luminosity : LuminosityFunction or None
         None where magnitudes are not used.
-    errors : ErrorsByRedshift or None
+    errors : VariancesByRedshift or None
         The variances that stand in place of the sources' own, where magnitudes are not used.
     notes : tuple of str
     limits : pair of float

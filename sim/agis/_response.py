@@ -170,8 +170,11 @@ class Response(InNotebook):
         options = {"calibration": calibration, "information": information} | options
         response = cls(law, arrays["weights"], nside, **options)
         facts = response._facts_of_law()
-        if facts.shape != arrays["law"].shape or not np.allclose(facts, arrays["law"], rtol=0, atol=1e-9):
-            raise ParameterError("this factor belongs to another scanning law or to other steps: compute it again")
+        same = (response.calibration, response.information) == (calibration, information)
+        if not same or facts.shape != arrays["law"].shape or not np.allclose(facts, arrays["law"], rtol=0, atol=1e-9):
+            raise ParameterError(
+                "this factor belongs to another scanning law or calibration, or to other steps: compute it again"
+            )
         response._factor = (arrays["factor"], False)
         return response
 

@@ -53,7 +53,7 @@ def read(path: PathName) -> Any:
         module, class_name = str(facts["module"]), str(facts["type"])
         if not _OURS.fullmatch(module):
             raise ImportError
-        return getattr(import_module(MOVED.get(module, module)), class_name).read(path)
+        return getattr(import_module(MOVED.get(module, module)), RENAMED.get(class_name, class_name)).read(path)
     except (KeyError, TypeError, ValueError, AttributeError, ImportError) as error:
         if isinstance(error, TableError):
             raise

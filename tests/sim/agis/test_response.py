@@ -219,7 +219,7 @@ def test_a_factor_of_another_law_is_refused(tmp_path):
     Response(law, nside=1, steps=2000).save(tmp_path / "f.npz")
     assert Response.read(tmp_path / "f.npz", law, steps=2000).nside == 1
     other = sim.NominalScanningLaw(years=1.0, precession_phase=1.0)
-    for wrong, options in ((other, {}), (law, {"epoch": 2021.0})):
+    for wrong, options in ((other, {}), (law, {"epoch": 2021.0}), (law, {"calibration": Calibration(1)})):
         with pytest.raises(ParameterError, match="another scanning law"):
             Response.read(tmp_path / "f.npz", wrong, steps=2000, **options)
 
