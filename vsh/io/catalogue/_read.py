@@ -57,8 +57,8 @@ from vsh.tools.types import FloatArray, OnBad
 from vsh.vector import Vector
 
 _LOG = getLogger(__name__)
-#: Columns that tables of epoch astrometry have, a row a transit or a source.
-_EPOCHS = {"obs_time_tcb", "centroid_pos_al"}
+#: Columns that tables of epoch astrometry have, a row a transit or a source, in either of DPAC's spellings.
+_EPOCHS = {"obstimetcb", "centroidposal"}
 #: The place of a row in its table, beside its columns.
 _ROW = "row of the table"
 
@@ -127,7 +127,13 @@ def read_field(
     """
     begin = perf_counter()
     opened = tables.open_table(source, format)
-    if set(opened.names) >= _EPOCHS:
+    names = {name.replace("_", "").lower() for name in opened.names}
+    if names >= _EPOCHS:
+        if not {"ra0", "dec0"} <= names | set(columns if isinstance(columns, Mapping) else ()):
+            raise TableError(
+                f"{opened.label} holds epoch astrometry without positions. Solve it for motions first, with a table of "
+                "source_id, ra and dec: vsh.io.epochs.read_epochs(epochs, positions=…).write('motions.fits')"
+            )
         field = _solve_epochs(opened, columns, on_bad, where, {"units": units, "frame": frame, "sigma": sigma})
     else:
         make = _FieldMaker(opened, columns, units, on_bad, frame, roles, where, sigma)

@@ -474,6 +474,12 @@ def test_epochs_in_place_of_motions_are_solved(transits, tmp_path):
             read_field(transits, **wrong)
     with pytest.raises(ParameterError, match="field of view 1"):
         read_field(transits, where="g_mag < 19")
+    positions, bare = Table({"source_id": field.name, "ra": field.ra, "dec": field.dec}), transits.copy()
+    bare.remove_columns(["ra0", "dec0"])
+    with pytest.raises(TableError, match="positions=…"):
+        read_field(bare)
+    read_epochs(bare, positions=positions).write(tmp_path / "motions.fits")  # the remedy
+    assert len(read_field(tmp_path / "motions.fits")) == len(field)
 
 
 def test_fields_of_view_that_nothing_tells(transits):
