@@ -254,8 +254,7 @@ class FrameTie(FrameResult, NamedSolution):
 
     def _quote_published_spin(self):
         """What was published of the frame of the bright ones among these sources; nothing where none is bright."""
-        bright = self.magnitude[self.magnitude < BRIGHT]
-        if not len(bright):
+        if not len(bright := self.magnitude[self.magnitude < BRIGHT]):
             return []
         middle = float(np.median(bright))
         spin = ", ".join(f"{value:+.1f}" for value in rotation_matrix("icrs", self.frame) @ published_spin(middle))

@@ -127,13 +127,7 @@ def read_field(
     """
     begin = perf_counter()
     opened = tables.open_table(source, format)
-    names = {name.replace("_", "").lower() for name in opened.names}
-    if names >= _EPOCHS:
-        if not {"ra0", "dec0"} <= names | set(columns if isinstance(columns, Mapping) else ()):
-            raise TableError(
-                f"{opened.label} holds epoch astrometry without positions. Solve it for motions first, with a table of "
-                "source_id, ra and dec: vsh.io.epochs.read_epochs(epochs, positions=…).write('motions.fits')"
-            )
+    if {name.replace("_", "").lower() for name in opened.names} >= _EPOCHS:
         field = _solve_epochs(opened, columns, on_bad, where, {"units": units, "frame": frame, "sigma": sigma})
     else:
         make = _FieldMaker(opened, columns, units, on_bad, frame, roles, where, sigma)
@@ -150,6 +144,11 @@ def _solve_epochs(opened, columns, on_bad, where, others):
     if given or not (columns is None or isinstance(columns, Mapping)):
         what = ", ".join(given) or "names of columns other than single ones"
         raise TableError(f"{opened.label} holds epoch astrometry, whose units and axes are Gaia's: leave out {what}")
+    if not {"ra0", "dec0"} <= {*opened.names, *(columns or ())}:
+        raise TableError(
+            f"{opened.label} holds epoch astrometry without positions. Solve it for motions first, with a table of "
+            "source_id, ra and dec: vsh.io.epochs.read_epochs(epochs, positions=…).write('motions.fits')"
+        )
     solved = f"{opened.label}: epoch astrometry, solved for the motion of each source (vsh.io.epochs.read_epochs)"
     return read_epochs(opened, on_bad=on_bad, columns=columns, where=where).add_note(solved)
 
