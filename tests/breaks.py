@@ -11,7 +11,7 @@ BREAKS = [
     ("vsh/io/tables/_fits.py", "raw == column.null", "raw == column.null + 1", "test_readers.py"),
     ("vsh/io/tables/_fits.py", 'if padding.strip(b"\\x00 "):', "if False:", "test_readers.py"),
     ("vsh/io/tables/_text.py", "if longest > FIELD:", "if False:", "test_readers.py"),
-    ("vsh/io/tables/_units.py", "if not isinstance(astropy_unit, u.UnitBase):", "if False:", "test_readers.py"),
+    ("vsh/io/columns.py", "if not isinstance(astropy_unit, u.UnitBase):", "if False:", "test_readers.py"),
     ("vsh/tools/notes.py", ".update(note.parts)", ".update({id(note): (note.counts, note.total, ())})", "test_nouns.py"),
     ("vsh/tools/files.py", "path = Path(os.path.realpath(path))\n    check_not_read(path)\n    check_new", "path = Path(path)\n    check_not_read(path)\n    check_new", "test_outputs.py"),
     ("vsh/tools/files.py", 'rglob(f"{UNFINISHED}*")', 'rglob(".*-*")', "test_outputs.py"),

@@ -40,8 +40,8 @@ from vsh.figures.plot import (
 from vsh.io import tables
 from vsh.io.archive import DR3, DR4
 from vsh.io.catalogue import Columns, read_field, truth_of
+from vsh.io.columns import missing_column
 from vsh.io.sections import Section
-from vsh.io.tables import missing_column
 from vsh.sky.pixels import pixels_of
 from vsh.tools.arguments import generator
 from vsh.tools.errors import DegeneracyError, TableError, VshError

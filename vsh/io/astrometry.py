@@ -8,7 +8,7 @@ import numpy as np
 
 from vsh.io import tables
 from vsh.io.catalogue import as_doubles, doubt_positions
-from vsh.io.tables import missing_column, unit_factor
+from vsh.io.columns import missing_column, unit_factor
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools.errors import TableError
 from vsh.tools.files import check_new

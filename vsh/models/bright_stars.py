@@ -9,7 +9,7 @@ from vsh.tools import arguments
 from vsh.tools.errors import FieldError
 from vsh.tools.types import ArrayLike, FloatArray
 
-__all__ = ["CANTAT_GAUDIN_BRANDT_2021", "published_spin"]
+__all__ = ["CANTAT_GAUDIN_BRANDT_2021"]
 
 #: From this magnitude on the frame does not turn.
 BRIGHT = 13.0

@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from vsh.classes import Classes
 from vsh.io import tables
-from vsh.io.tables import missing_column, unit_factor
+from vsh.io.columns import missing_column, unit_factor
 from vsh.sky.astrometry import AstrometryRows, earth, propagate
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad

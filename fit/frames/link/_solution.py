@@ -253,7 +253,7 @@ class FrameTie(FrameResult, NamedSolution):
         return (section, *(self._by_source() if long else ()))
 
     def _quote_published_spin(self):
-        """What was published of the frame of the bright ones among these sources; nothing where none is bright."""
+        """Quote the spin that was published of the bright ones among these sources; nothing where none is bright."""
         if not len(bright := self.magnitude[self.magnitude < BRIGHT]):
             return []
         middle = float(np.median(bright))

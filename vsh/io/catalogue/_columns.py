@@ -13,7 +13,8 @@ from astropy import units as u
 from vsh.io import tables
 from vsh.io.catalogue import _names
 from vsh.io.catalogue._names import NAMED, ColumnRequest, Columns, find_correlations, name_and_unit
-from vsh.io.tables import ASSUMED, REQUIRED, TableSource, factor_to, missing_column, parse_unit
+from vsh.io.columns import ASSUMED, REQUIRED, factor_to, missing_column, parse_unit
+from vsh.io.tables import TableSource
 from vsh.sky.frames import MEASURED_KEY
 from vsh.tools.bad_rows import as_floats, span_of, within
 from vsh.tools.errors import EmptySelectionError, FieldError, TableError

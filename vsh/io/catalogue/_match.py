@@ -12,7 +12,7 @@ from vsh.field import MEASURED, Field
 from vsh.io import tables
 from vsh.io.catalogue._columns import RowSelection, doubt_positions, sexagesimal_degrees, unit_of
 from vsh.io.catalogue._names import ColumnRequest
-from vsh.io.tables import missing_column, unit_factor
+from vsh.io.columns import missing_column, unit_factor
 from vsh.sky.frames import AXES, Positions
 from vsh.sky.sphere import triad
 from vsh.tools.arguments import positive

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsh.io.archive import DR3, DR4
-from vsh.io.tables import REQUIRED, TableSource
+from vsh.io.columns import REQUIRED
+from vsh.io.tables import TableSource
 from vsh.sky.frames import AXES
 from vsh.tools.bad_rows import floats_or_nan
 from vsh.tools.notebook import InNotebook

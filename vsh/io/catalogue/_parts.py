@@ -11,18 +11,9 @@ from vsh.field import Field
 from vsh.io.catalogue._columns import as_columns
 from vsh.io.catalogue._names import ColumnRequest, Columns, candidates_of, derivable_columns
 from vsh.io.catalogue._read import add_zero_motions, stream_fields
+from vsh.io.columns import REQUIRED
 from vsh.io.parts import Dask, Engine, InProcess, Parts, Processes, delayed_partitions, is_delayed
-from vsh.io.tables import (
-    REQUIRED,
-    RemotePath,
-    TableSource,
-    Where,
-    check_alike,
-    files_of,
-    fingerprint_of,
-    is_address,
-    open_table,
-)
+from vsh.io.tables import RemotePath, TableSource, Where, check_alike, files_of, fingerprint_of, is_address, open_table
 from vsh.tools.arguments import whole
 from vsh.tools.errors import ParameterError, TableError
 from vsh.tools.files import check_unchanged, file_stamp

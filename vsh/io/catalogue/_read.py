@@ -32,9 +32,9 @@ from vsh.io.catalogue._columns import (
 )
 from vsh.io.catalogue._frames import frames_of, one_redshift_frame, redshift_frame_of, turn_positions
 from vsh.io.catalogue._names import USUAL_UNITS, Columns, add_derived_columns, derive_columns
+from vsh.io.columns import ASSUMED, REQUIRED, missing_column, parse_unit
 from vsh.io.maps import read_density
 from vsh.io.parts import OPTIONAL, Parts
-from vsh.io.tables import ASSUMED, REQUIRED, missing_column, parse_unit
 from vsh.scalars import ScalarField
 from vsh.sky.frames import AXES, REDSHIFT_FRAME_COLUMN
 from vsh.tools.arguments import positive, whole

@@ -22,8 +22,8 @@ import numpy as np
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.archive import DR4
+from vsh.io.columns import missing_column, unit_factor
 from vsh.io.epochs._solve import COLOUR_PRIOR, design_row, solve_epochs
-from vsh.io.tables import missing_column, unit_factor
 from vsh.tools.arguments import choice
 from vsh.tools.bad_rows import select_usable
 from vsh.tools.errors import EmptyFieldError, TableError

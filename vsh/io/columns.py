@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from astropy import units as u
 
-from vsh.io.tables._source import TableSource
+from vsh.io.tables import TableSource
 from vsh.tools.errors import TableError
 from vsh.tools.printing import printable
 
