@@ -34,9 +34,11 @@ from vsh.tools.types import ArrayLike, Axes, BoolArray, FloatArray, OnBad, PathN
 from vsh.tools.units import DEGREE, MAS
 
 #: Beyond these a number stands for a missing value, or is none.
-_PLAUSIBLE = {"redshift": (-1.0, 1100.0), "magnitude": (-30.0, 50.0), "redshift_error": (-1e-300, 100.0),
+_PLAUSIBLE = {"redshift": (-1.0, 20.0), "magnitude": (-30.0, 50.0), "redshift_error": (-1e-300, 100.0),
               "distance": (0.0, 1e6), "distance_error": (0.0, 1e6),
               "parallax": (-1e5, 1e5), "parallax_error": (0.0, 1e5)}  # fmt: skip
+#: Redshifts that surveys write where they have none: several of exactly one of these are none.
+_NO_REDSHIFT = (9.99, 9.999, 9.9999)
 #: What of a source may be known besides its motion.
 MEASURED = (
     "redshift", "magnitude", "redshift_error", "distance", "distance_error", "parallax", "parallax_error",
@@ -81,9 +83,12 @@ def field_arrays(
         if column in columns:
             values = np.where(missing[column], np.nan, columns[column])
             is_implausible = np.isfinite(values) & ~((values > lower) & (values < upper))
+            marks, told = np.isin(values, _NO_REDSHIFT if column == "redshift" else ()), ""
+            if marks.sum() > 2:
+                is_implausible, told = is_implausible | marks, " or exactly 9.99"
             if is_implausible.any():
                 look_like_velocities = column == "redshift" and 2 * is_implausible.sum() > is_implausible.size
-                text = f"{is_implausible.sum()} values of {column} beyond {lower:g} … {upper:g} taken as missing"
+                text = f"{is_implausible.sum()} values of {column} beyond {lower:g} … {upper:g}{told} taken as missing"
                 notes = (*notes, CodedNote(f"{text}: {VELOCITIES}", NO_REDSHIFTS) if look_like_velocities else text)
             columns[column] = np.where(is_implausible | np.isinf(values), np.nan, values)
     if "redshift" in columns and "redshift_error" in columns:

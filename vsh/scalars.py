@@ -235,7 +235,8 @@ class ScalarField(SourcesWithErrors):
         Raises
         ------
         ParameterError
-            If the selection is no map, or negative, or no source lies where it is above zero.
+            If the selection is no map, or negative, or no source lies where it is above zero; or if a part of the sky
+            has no source, and no selection is given.
 
         Notes
         -----
@@ -272,9 +273,12 @@ class ScalarField(SourcesWithErrors):
         if outside := int(counts[~used].sum()):
             notes.append(f"{outside} sources lie where the selection is zero and are not counted")
         if (empty := int(((counts[used] == 0) & (expected > _FULL)).sum())) > 0:
-            notes.append(
-                f"warning: {empty} pixels have no source where {_FULL:g} or more are expected: give a selection"
-            )
+            text = f"{empty} pixels have no source where {_FULL:g} or more are expected: give a selection"
+            if selection is None:
+                raise ParameterError(f"{text}, a HEALPix map of what of the sky the catalogue has (density,MAP)")
+            notes.append(f"warning: {text} without them")
+        if 100 * (twice := lon.size - np.unique(lon + 1j * lat).size) > lon.size:
+            notes.append(f"warning: {twice} of {lon.size} sources are at the place of another, and count each")
         lon, lat = (angle[used] for angle in centres(nside))
         return cls(lon, lat, counts[used] / expected - 1, 1 / np.sqrt(expected), "", None, frame, tuple(notes))
 

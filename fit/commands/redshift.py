@@ -495,6 +495,11 @@ _PUBLISHED = 67.0, 73.0
 def _answer_lines(results):
     """The lines to quote: H0, our velocity, whether the dipole changes with redshift, and what errors leave out."""
     lines = []
+    estimates = {name: results[name] for name in ("velocity", "hubble") if name in results}
+    factor = max([1.0, *(estimate.quality.factor for estimate in estimates.values())])
+    results = results | {
+        name: replace(each, covariance=factor**2 * each.covariance) for name, each in estimates.items() if factor > 1
+    }
     if "posterior" in results:
         lines += _posterior_lines(results["posterior"])
     elif "hubble" in results:
@@ -510,12 +515,15 @@ def _answer_lines(results):
     elif "bins" in results and len(results["bins"]) > 1:
         text = "a change with redshift is not tested, because systematic errors are not included: add --floor"
         lines.append(("dipole", text))
-    estimates = [results[name] for name in ("velocity", "hubble") if name in results]
     notes = [note for result in results.values() for note in getattr(result, "notes", ())]
     from fit.secular_parallax import WITH_GROUP
 
     lines += [("assumed", str(note)) for note in dict.fromkeys(notes) if has_code(note, WITH_GROUP)]
-    if any(estimate.flow_covariance is not None for estimate in estimates):
+    if factor > 1:
+        lines.append(
+            ("scaled", f"errors of velocity and H0 here are {factor:.3g} times those below, as residuals suggest")
+        )
+    if any(estimate.flow_covariance is not None for estimate in estimates.values()):
         lines.append(("errors", "do not include flows that galaxies have in common"))
     return lines
 

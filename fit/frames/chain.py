@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fit.background import ClassComparison, compare_classes_jointly
-from fit.frames.compare import CLASSES, FEWEST
+from fit.frames.compare import CLASSES, FEWEST, count_same
 from fit.frames.results import FrameResult
 from fit.normal import normal_equations
 from fit.results.quality import MANY, ErrorSource
@@ -33,7 +33,7 @@ from vsh.sky.frames import Positions
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError, ParameterError
-from vsh.tools.notes import merge_notes
+from vsh.tools.notes import DOUBT, CodedNote, merge_notes
 from vsh.tools.printing import log_calls
 from vsh.tools.types import Axes, FloatArray, IntArray, Rng, Table
 from vsh.tools.units import UAS
@@ -380,6 +380,8 @@ def combine_frames(
             break
     errors = _estimate_shared_errors(sky, noise, selection, labels, rng) if has_floor else None
     *_, factors, _, _ = _solve(sky, modes, noise, selection, labels)
+    copies = _copies_among(sky, labels)
+    factors = np.maximum(factors, 1.0) if copies else factors  # what stands twice makes residuals small, and no error
     values, covariance, chi2_of, _, chi2, dof = _solve(sky, modes, replace(noise, factors=factors), selection, labels)
     factor = float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan")
     order = np.flatnonzero(~selection)[np.argsort(-chi2_of[~selection], kind="stable")]
@@ -398,9 +400,22 @@ def combine_frames(
         distances=np.sqrt(np.maximum(chi2_of[order], 0.0)),  # rounding, where catalogues share nearly all
         frame=sky.frame,
         unit=sky.unit,
-        notes=sky.notes,
+        notes=merge_notes(sky.notes, copies),
         shared=errors,
     )
+
+
+def _copies_among(sky, labels):
+    """A note on each pair of catalogues with the same values: one of them is no measurement of its own."""
+    notes = []
+    for (i, one), (j, two) in combinations(enumerate(labels), 2):
+        at = np.flatnonzero(sky.seen[i] & sky.seen[j])
+        if len(at) and (same := count_same(_difference(sky, i, j, at, 0.0))) > len(at) / 2:
+            text = (
+                f"warning: {same} of {len(at)} sources have the same values in {one} and {two}: leave one of them out"
+            )
+            notes.append(CodedNote(text, DOUBT))
+    return tuple(notes)
 
 
 def _estimate_shared_errors(sky, noise, selection, labels, rng):

@@ -112,7 +112,7 @@ def fit_by_error_class(differences: Field, modes: Modes, indices: IntArray | Non
     return ErrorClassFit(values, np.asarray(covariance, float), tuple(map(float, np.sqrt(tau))), float(p_value))
 
 
-def _count_same(differences):
+def count_same(differences: Field) -> int:
     """Count the sources that have the same values in both catalogues."""
     size = abs(differences.motion)
     is_near = (size < 1e-3 * differences.sigma).all(axis=0)
@@ -525,7 +525,7 @@ def compare_catalogues(
             f"{int((~is_near).sum())} of {len(is_near)} pairs deviate by more than {_FAR * threshold:g} standard "
             "errors from a robust fit: excluded before the first least-squares fit"
         )
-    n_same = _count_same(fitted)
+    n_same = count_same(fitted)
     if 100 * n_same > len(fitted):  # one in a million if catalogues are independent
         notes.append(f"{n_same} of {len(fitted)} sources have the same values in both catalogues")
     solution = replace(estimate, unit=unit, notes=tuple(notes))

@@ -197,6 +197,7 @@ def test_counts_are_those_of_pixels_over_their_selection():
     assert_allclose((field.lon, field.lat), (lon[:40], lat[:40]))
     assert field.notes == (
         "counts of 820 sources in 40 pixels of nside 2", "356 sources lie where the selection is zero and are not counted",
+        "warning: 1128 of 1176 sources are at the place of another, and count each",
     )  # fmt: skip
     finer = np.repeat(selection, 4)[np.argsort(pixels_of(*centres(4), nside), kind="stable").argsort()]
     assert_allclose(
@@ -207,11 +208,29 @@ def test_counts_are_those_of_pixels_over_their_selection():
 def test_counts_of_a_part_of_the_sky_ask_for_its_selection():
     rng = np.random.default_rng(1)
     lon, lat = rng.uniform(0, 2 * np.pi, 5000), np.arcsin(rng.uniform(0.1, 1, 5000))
-    field = ScalarField.from_counts(lon, lat)
-    assert any("give a selection" in note for note in field.notes)
+    with pytest.raises(ParameterError, match="give a selection"):
+        ScalarField.from_counts(lon, lat)
+    selection = (centres(4)[1] > 0).astype(float)
+    assert len(ScalarField.from_counts(lon, lat, selection=selection)) < 192
     assert not any("selection" in note for note in ScalarField.from_counts(lon, np.sin(3 * lat), nside=1).notes)
     with pytest.raises(ParameterError, match="none of 5000 sources"):
         ScalarField.from_counts(lon, lat, selection=(centres(4)[1] < -0.2).astype(float))
     for wrong in (np.ones(13), -np.ones(48)):
         with pytest.raises(ParameterError, match="HEALPix map"):
             ScalarField.from_counts(lon, lat, selection=wrong)
+
+
+def test_parallaxes_in_a_unit_that_was_lost_are_doubted():
+    """Numbers in µas that a CSV file gives without a unit were taken in mas without a word."""
+    rng = np.random.default_rng(1)
+    table = {"ra": rng.uniform(0, 360, 50), "dec": rng.uniform(-80, 80, 50), "parallax": rng.normal(0, 0.3, 50)}
+    table |= {"parallax_error": np.full(50, 0.3), "bias": np.full(50, -17.0)}
+    lost = table | {name: 1000 * table[name] for name in ("parallax", "parallax_error")}
+    for columns, value, is_doubted in (
+        (table, "parallax", False),
+        (lost, "parallax", True),
+        (table, "parallax - bias", True),
+    ):
+        assert any("is the unit right" in note for note in read_scalars(columns, value).notes) == is_doubted
+    units = dict.fromkeys(("parallax", "parallax_error"), "uas")
+    assert not any("is the unit right" in note for note in read_scalars(lost, units=units).notes)

@@ -106,13 +106,15 @@ DENSITY = "density"
 def count_sources(source: TableSource, selection: str, keywords: dict[str, Any]) -> ScalarField:
     """The density of the sources of a catalogue, relative to a map of their selection where one is named."""
     import vsh
+    from vsh.tools.notes import ASSUMED_MOTIONS, has_code
 
     field = vsh.io.catalogue.read_sources(source, sigma=1.0, **keywords)
     shares, frame = None, field.frame
     if selection:
         shares, frame = read_named_map(selection)
         field = field.to_frame(frame)
-    return vsh.ScalarField.from_counts(field.lon, field.lat, selection=shares, frame=frame)
+    counts = vsh.ScalarField.from_counts(field.lon, field.lat, selection=shares, frame=frame)
+    return counts.add_note(*(note for note in field.notes if not has_code(note, ASSUMED_MOTIONS)))
 
 
 @contextmanager

@@ -30,6 +30,26 @@ def test_bins_are_compared_with_the_velocity_that_is_given(path, capsys):
         assert f"|v| = {size} km/s" in capsys.readouterr().out
 
 
+def test_first_lines_have_errors_as_the_residuals_say(path, tmp_path, capsys):
+    """Errors three times too small: the first line is no sharper than its notes."""
+    table = Table.read(path)
+    for name in ("pmra_error", "pmdec_error"):
+        table[name] /= 3
+    table.write(tmp_path / "small.fits")
+    lines = {}
+    for each in (path, tmp_path / "small.fits"):
+        assert (
+            main([str(each), "--h0", "67.3", "--flows", "no", "--dispersion", "0", "--format", "none", "--json"]) == 0
+        )
+        lines[each.stem] = json.loads(capsys.readouterr().out)["answer"]
+    assert "scaled" in lines["small"]
+    assert "scaled" not in lines["galaxies"]
+    small, right = (
+        [float(x) for x in re.findall(r"[0-9.]+", lines[name]["velocity"])] for name in ("small", "galaxies")
+    )
+    assert small[:2] == pytest.approx(right[:2], rel=0.1)
+
+
 def test_one_bin_is_compared_with_nothing(path, tmp_path, capsys):
     words = ["--bins", "1", "--floor", "--flows", "no", "--format", "none", "--output", str(tmp_path / "one")]
     assert main([str(path), *words]) == 0

@@ -249,3 +249,13 @@ def test_few_sources_make_no_errors_smaller():
             p += [difference.spin.p_value, difference.acceleration.p_value]
     assert len(p) > 20
     assert np.mean(np.array(p) < 0.0027) < 0.05
+
+
+def test_a_catalogue_that_stands_twice_makes_no_errors_smaller():
+    fields = catalogues(1, frames={"a": SPINS["a"], "b": SPINS["b"]})
+    twice = combine_frames(fields | {"c": fields["b"]}, 1, floor=False)
+    assert any("300 of 300 sources have the same values in b and c" in note for note in twice.notes)
+    once = combine_frames(fields, 1, floor=False)
+    assert not any("same values" in note for note in once.notes)
+    for both in zip(*(chain.difference("b").spin.sigma for chain in (twice, once)), strict=True):
+        assert both[0] > 0.95 * both[1]

@@ -157,7 +157,9 @@ _EQUINOX = re.compile(r"[JB]?\d{4}(\.\d+)?|ICRS|FK[45]|ep=.*", re.IGNORECASE)
 #: The same with underscores: dist_kpc, pmra_mas_yr.
 _BEHIND = re.compile(r"(.+)_(deg|rad|kpc|mpc|pc|(?:mas|uas|arcsec)(?:_?p?e?r?_?yr))", re.IGNORECASE)
 _CORRELATION = re.compile(
-    r"(?=.*(corr?|rho|:|cov))(?=.*pm_?ra)(?=.*pm_?de)|pm_?(corr?|rho)|(corr?|rho)_?pm", re.IGNORECASE
+    r"^(?!.*corrected)(?=.*(corr?|rho|:|cov))((?=.*(pm|mu)_?ra)(?=.*(pm|mu)_?de)|.*(pm|mu)_?(corr?|rho|cov)"
+    r"|.*(corr?|rho|cov)_?(pm|mu)|(corr?|rho)$)",
+    re.IGNORECASE,
 )
 _OF_PARALLAX = re.compile("par|plx", re.IGNORECASE)
 _SPELLED = {"mpc": "Mpc", "kpc": "kpc", "pc": "pc", "deg": "deg", "rad": "rad"}

@@ -59,6 +59,8 @@ from vsh.vector import Vector
 _LOG = getLogger(__name__)
 #: Columns that tables of epoch astrometry have, a row a transit or a source, in either of DPAC's spellings.
 _EPOCHS = {"obstimetcb", "centroidposal"}
+#: Parallaxes of quasars and their errors are smaller than this in the median, in any unit but a wrong one. [µas]
+_LARGE_PARALLAX = 1e4
 #: The place of a row in its table, beside its columns.
 _ROW = "row of the table"
 
@@ -644,6 +646,10 @@ def read_scalars(
     )
     unit = "µas" if target == parse_unit("uas") else target.to_string()
     numbers = field.motion[0], field.sigma[0]
+    middle = max(float(np.median(np.abs(each))) for each in numbers) if len(field) else 0.0
+    if unit == "µas" and middle > _LARGE_PARALLAX:
+        text = f"warning: half of the values, or of their errors, are above {middle:.3g} µas: is the unit right"
+        notes.append(CodedNote(f"{text} in which {', '.join(map(printable, used))} were taken (--units)?", DOUBT))
     return ScalarField(field.lon, field.lat, *numbers, unit, field.name, field.frame, (*notes, *field.notes))
 
 

@@ -68,3 +68,16 @@ def test_template_of_large_numbers(table, tmp_path, capsys):
     assert "template mjd, along" in capsys.readouterr().out
     assert main([str(tmp_path / "q.fits"), "--lmax", "3", "--templates", "tilt"]) == 1
     assert "has degree 1 alone" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("mark", [9.99, 99.0, 999.0, 99.99])
+def test_marks_of_unknown_redshifts_are_no_redshifts(table, mark):
+    """A survey writes 9.99 or 999 where it has none; a single 9.99 may be one."""
+    table = Table(table)
+    table["redshift"] = np.linspace(0.1, 3.0, len(table))
+    table["redshift"][:3] = mark
+    field = read_field(table)
+    assert np.isnan(field.redshift).tolist() == [True] * 3 + [False] * (len(field) - 3)
+    assert any("3 values of redshift" in note for note in field.notes)
+    table["redshift"][1:3] = 1.0
+    assert np.isnan(read_field(table).redshift[0]) == (mark > 20)

@@ -157,7 +157,8 @@ def test_errors_of_other_axes_than_the_motions_are_refused(motions):
     assert read_field(columns | errors, columns=names | roles, frame="galactic", units=units).frame == "galactic"
 
 
-@for_each([("raj2000", "pmra", "pm_corr"), ("ra", "pmra_cosdec", "corr_pm"), ("ra", "pmra", "pm_corr")])
+@for_each([("raj2000", "pmra", "pm_corr"), ("ra", "pmra_cosdec", "corr_pm"), ("ra", "pmra", "pm_corr"),
+           ("ra", "pmra", "rho"), ("ra", "pmra", "muRA_muDE_corr"), ("ra", "pmra", "rho_mu")])  # fmt: skip
 def test_correlations_under_other_names_are_told_of(names):
     """A suffix of a name that is no join's (J2000, cos δ) takes no correlations away."""
     ra, motion, correlation = names
