@@ -447,7 +447,8 @@ class _CommonSources:
             if catalogue.name is None:
                 raise FieldError(f"{label} has no names to match its sources by")
             if len(np.unique(catalogue.name)) < len(catalogue):
-                raise FieldError(f"{len(catalogue) - len(np.unique(catalogue.name))} names stand twice in {label}")
+                count = len(catalogue) - len(np.unique(catalogue.name))
+                raise FieldError(f"{count} names stand twice in {label}: match by position (--match ARCSEC)")
         if positions:
             catalogues = [catalogue.at_epoch(reference.epoch) for catalogue in catalogues]
         names, counts = np.unique(

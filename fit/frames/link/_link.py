@@ -136,9 +136,12 @@ def link(
             evidence = node.evidence - offset_rows.log_determinant + chance
             node_list.append(replace(node, evidence=evidence, excess=size))
     best = max(node_list, key=lambda node: node.evidence)
-    tie = make_frame_tie(
-        node_list, rows_by_offset[best.excess], prior, parameters, reference_name, (*astrometry.notes, *notes)
-    )
+    notes = (*astrometry.notes, *notes)
+    if aberration is not None and "acceleration" not in unknowns:
+        but = f" of all catalogues but {', '.join(fixed)}, whose calibrators are fixed" if fixed else ""
+        taken = f"an acceleration of {aberration.amplitude:.3g} µas/yr is taken from motions and positions"
+        notes = (*notes, f"{taken}{but} (--unknowns orientation,spin,acceleration fits it)")
+    tie = make_frame_tie(node_list, rows_by_offset[best.excess], prior, parameters, reference_name, notes)
     return replace(tie, fixed=fixed)
 
 

@@ -603,7 +603,9 @@ def read_scalars(
     formula = tables.Where(f"column({value!r})" if value in table.names else value)
     if not formula.names:
         raise TableError(f"{value!r} names no column")
-    error = error or f"{formula.names[0]}_error"
+    first = formula.names[0]  # a join adds a suffix to either: parallax_1, parallax_error_1
+    joined = re.sub(r"(_[^_]+)$", r"_error\1", first)
+    error = error or (joined if joined in table.names else f"{first}_error")
     for name in (*formula.names, error):
         if name not in table.names:
             raise TableError(missing_column(name, table))
