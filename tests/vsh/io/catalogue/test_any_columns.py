@@ -81,3 +81,14 @@ def test_marks_of_unknown_redshifts_are_no_redshifts(table, mark):
     assert any("3 values of redshift" in note for note in field.notes)
     table["redshift"][1:3] = 1.0
     assert np.isnan(read_field(table).redshift[0]) == (mark > 20)
+
+
+@pytest.mark.parametrize(("factor", "is_doubted"), [(1.0, False), (3.0, False), (1e-3, True), (1e3, True)])
+def test_distances_that_redshifts_contradict_are_doubted(table, factor, is_doubted):
+    """Distances in kpc that were taken in Mpc gave a velocity of zero without a word."""
+    table = Table(table)
+    table["redshift"] = np.linspace(0.01, 0.1, len(table))
+    table["distance"] = factor * 4283 * table["redshift"]
+    table["distance"].unit = "Mpc"
+    field = read_field(table, {"distance": "distance"}, roles=("redshift", "distance"))
+    assert any("times those by the redshifts" in note for note in field.notes) == is_doubted
