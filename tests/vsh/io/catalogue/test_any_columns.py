@@ -89,6 +89,8 @@ def test_distances_that_redshifts_contradict_are_doubted(table, factor, is_doubt
     table = Table(table)
     table["redshift"] = np.linspace(0.01, 0.1, len(table))
     table["distance"] = factor * 4283 * table["redshift"]
-    table["distance"].unit = "Mpc"
-    field = read_field(table, {"distance": "distance"}, roles=("redshift", "distance"))
+    table["distance_error"] = table["distance"] / 5
+    table["distance"].unit = table["distance_error"].unit = "Mpc"
+    names = ("distance", "distance_error")
+    field = read_field(table, {name: name for name in names}, roles=("redshift", *names))
     assert any("times those by the redshifts" in note for note in field.notes) == is_doubted
