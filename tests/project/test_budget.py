@@ -11,18 +11,19 @@ from conftest import ROOT
 PACKAGES = ("vsh", "fit", "sim", "study")
 #: Lines of code that all packages may have together: it falls with every cut, to 33 500, and only a decision of the
 #: maintainers raises it, as when faults were mended at seventy places and 660 names made true (36 141
-#: before), when tables in LaTeX and reports were made to fit their page (36 429 before), and when lists, files and chains
-#: that gave wrong numbers in trials by three users were mended (36 616 before).
-TOTAL = 35_372
+#: before), when tables in LaTeX and reports were made to fit their page (36 429 before), when lists, files and chains
+#: that gave wrong numbers in trials by three users were mended (36 616 before), and so were marks of unknown redshifts,
+#: units that were lost, and copies in chains (35 372 before).
+TOTAL = 35_419
 #: Lines of code (no docstrings, comments or blank lines) that a room may have.
 BUDGET = {
-    "fit": 611, "fit/background": 1880, "fit/commands": 1467, "fit/correlation": 541, "fit/distances": 711,
-    "fit/frames": 2034, "fit/in_time": 413, "fit/motions": 638, "fit/normal": 990, "fit/pairs": 479,
+    "fit": 611, "fit/background": 1880, "fit/commands": 1475, "fit/correlation": 541, "fit/distances": 711,
+    "fit/frames": 2050, "fit/in_time": 413, "fit/motions": 638, "fit/normal": 990, "fit/pairs": 479,
     "fit/posterior": 1552, "fit/redshift": 755, "fit/results": 1600, "fit/robust": 685,
     "fit/secular_parallax": 1216, "fit/waves": 378, "sim": 701, "sim/agis": 1699, "sim/commands": 314,
     "sim/gaia": 480, "sim/scanning": 416, "sim/signal": 362, "study": 0, "study/commands": 305,
-    "study/forecast": 348, "study/referee": 940, "vsh": 1600, "vsh/commands": 1513, "vsh/figures": 1052,
-    "vsh/io": 6566, "vsh/models": 972, "vsh/sky": 437, "vsh/tools": 1717,
+    "study/forecast": 348, "study/referee": 940, "vsh": 1620, "vsh/commands": 1515, "vsh/figures": 1052,
+    "vsh/io": 6567, "vsh/models": 972, "vsh/sky": 437, "vsh/tools": 1717,
 }  # fmt: skip
 _NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENCODING,

@@ -67,7 +67,7 @@ def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answ
     if full:
         body += [mid_rule, *_powers(solution, style)]
     caption = _caption(solution, answer_of(solution) if answer is None else answer)
-    label = r"\label{tab:vsh}"
+    label = r"\label{tab:vsh-scalar}" if is_scalar(solution) else r"\label{tab:vsh}"
     if style == "aastex":
         heads = " & ".join(rf"\colhead{{{column}}}" for column in ("", "$x$", "$y$", "$z$", "amplitude"))
         unit_row = rf"\\ \colhead{{}} & \multicolumn4c{{({unit})}}" if unit else ""
@@ -104,7 +104,7 @@ def _caption(solution, answer):
     subject = " and ".join(names).capitalize()
     frame = "ICRS" if solution.frame == "icrs" else solution.frame
     facts = [
-        f"{subject} of {solution.n_sources} sources, {frame} axes, "
+        f"{subject} of {solution.n_sources} {'sources' if solution.unit else 'values'}, {frame} axes, "
         f"degrees {solution.modes.lowest} to {solution.modes.lmax}, χ²/dof = {solution.reduced_chi2:.3f}"
     ]
     facts += [f"{label.capitalize() if label.islower() else label}: {text}" for label, text in answer.lines]
