@@ -24,9 +24,7 @@ from vsh.tools.notes import (
     DOUBT,
     FALSE,
     MISSING,
-    NO_REDSHIFTS,
     UNUSED_CORRELATIONS,
-    VELOCITIES,
     CodedNote,
     UnselectedRows,
 )
@@ -222,10 +220,6 @@ def size_warnings(field: Any, at_least: int = 20, *, is_assumed: bool = False) -
     if max(-lowest, highest) < _SMALL * least:
         text = f"no motion is above {max(-lowest, highest):.3g} µas/yr, and no error below {least:.3g} µas/yr"
         notes.append(CodedNote(f"warning: {text}: in which units are they (units=, --units)?", DOUBT))
-    if field.redshift is not None and np.isfinite(field.redshift).any():
-        z = float(np.nanmedian(field.redshift))
-        if z > 20:
-            notes.append(CodedNote(f"warning: half of the redshifts are above {z:.3g}: {VELOCITIES}", NO_REDSHIFTS))
     return notes
 
 

@@ -81,9 +81,12 @@ _VIZIER = Columns(
     name=("Source", "ID", "HIP", "ICRF", "IERS", "Name"), magnitude=("Gmag", "Hpmag"),
     redshift=("z", "zsp", "Redshift"), redshift_error=("e_z", "e_zsp"), solution=("Solved",),
 )  # fmt: skip
+#: Positions in other axes, and motions there or along α and δ.
 _OTHER_AXES = {
-    frame: replace(GAIA, **{role: name for role, name in column_names_of(frame).items() if not role.endswith("corr")},
-                   pmra_pmdec_corr=(column_names_of(frame)["pmra_pmdec_corr"],))
+    frame: replace(GAIA, **{
+        role: name if role in ("ra", "dec") else (name,) if role.endswith("corr") else (name, getattr(GAIA, role))
+        for role, name in column_names_of(frame).items()
+    })
     for frame in AXES if frame != "icrs"
 }  # fmt: skip
 _SHARED = ("pmra_pmdec_corr", "name", "magnitude", "redshift", "redshift_error")

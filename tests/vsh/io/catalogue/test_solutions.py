@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import for_each
 
+import sim
 from vsh.io.catalogue import parts, read_field
 from vsh.tools.errors import FieldError, TableError, VshWarning
 from vsh.tools.notes import DOUBT, count_dropped, has_code
@@ -169,3 +170,15 @@ def test_correlations_under_other_names_are_told_of(names):
         warnings.simplefilter("ignore")
         notes = read_field(columns, columns={"ra": ra, "pmra": motion}, units=units).notes
     assert any(f"pmra_pmdec_corr={correlation}" in note for note in notes)
+
+
+def test_galactic_positions_beside_motions_in_the_icrs():
+    """Gaia's l and b without ra and dec: a list of positions, it was said, though pmra stands in the table."""
+    field = sim.observe(sim.quasars(40, 1), sim.spin((1, 2, 3)), rng=1)
+    galactic = field.to_skycoord().galactic
+    table = field.to_table()
+    table["l"], table["b"] = galactic.l.deg, galactic.b.deg
+    table.remove_columns(["ra", "dec"])
+    again = read_field(table)
+    np.testing.assert_allclose(again.motion, field.motion)
+    np.testing.assert_allclose([again.lon, again.lat], [field.lon, field.lat], atol=1e-9)
