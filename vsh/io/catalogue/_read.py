@@ -368,7 +368,7 @@ class _FieldMaker:
                 first_row=first_row,
             )
         doubts = [] if self.value else size_warnings(field, is_assumed=self.assumes_motions)
-        for warning in (*field.notes, *doubts):
+        for warning in (*notes, *doubts):
             if has_code(warning, DOUBT, NO_REDSHIFTS, UNUSED_CORRELATIONS):
                 warn(warning, VshWarning, stacklevel=3)
         return field.add_note(*doubts) if doubts else field
@@ -605,7 +605,7 @@ def read_scalars(
         raise TableError(f"{value!r} names no column")
     first = formula.names[0]  # a join adds a suffix to either: parallax_1, parallax_error_1
     joined = re.sub(r"(_[^_]+)$", r"_error\1", first)
-    error = error or (joined if joined in table.names else f"{first}_error")
+    error = error or (joined if joined != first and joined in table.names else f"{first}_error")
     for name in (*formula.names, error):
         if name not in table.names:
             raise TableError(missing_column(name, table))
