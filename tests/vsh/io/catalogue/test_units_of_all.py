@@ -1,9 +1,9 @@
 """Units of every column are converted or refused: nobody sees that kpc were taken as Mpc."""
 
-import astropy.units as u
 import re
 import warnings
 
+import astropy.units as u
 import numpy as np
 import pytest
 from astropy.table import Table
