@@ -29,9 +29,9 @@ from vsh.tools.arguments import float_array, read_only
 from vsh.tools.errors import FieldError, FrameError, ParameterError
 from vsh.tools.files import check_new, table_of, write_table
 from vsh.tools.notebook import Equal, Frozen
-from vsh.tools.notes import DOUBT, NO_REDSHIFTS, VELOCITIES, CodedNote, merge_notes
+from vsh.tools.notes import NO_REDSHIFTS, VELOCITIES, CodedNote, merge_notes
 from vsh.tools.types import ArrayLike, Axes, BoolArray, FloatArray, OnBad, PathName, Table
-from vsh.tools.units import DEGREE, MAS, SPEED_OF_LIGHT
+from vsh.tools.units import DEGREE, MAS
 
 #: Beyond these a number stands for a missing value, or is none.
 _PLAUSIBLE = {"redshift": (-1.0, 20.0), "magnitude": (-30.0, 50.0), "redshift_error": (-1e-300, 100.0),
@@ -39,8 +39,6 @@ _PLAUSIBLE = {"redshift": (-1.0, 20.0), "magnitude": (-30.0, 50.0), "redshift_er
               "parallax": (-1e5, 1e5), "parallax_error": (0.0, 1e5)}  # fmt: skip
 #: Redshifts that surveys write where they have none: several of exactly one of these are none.
 _NO_REDSHIFT = (9.99, 9.999, 9.9999)
-#: No distance is apart from that by the redshift, at H0 = 70 km/s/Mpc, by such a factor, for most sources.
-_APART = 20.0
 #: What of a source may be known besides its motion.
 MEASURED = (
     "redshift", "magnitude", "redshift_error", "distance", "distance_error", "parallax", "parallax_error",
@@ -95,8 +93,6 @@ def field_arrays(
             columns[column] = np.where(is_implausible | np.isinf(values), np.nan, values)
     if "redshift" in columns and "redshift_error" in columns:
         notes = (*notes, *_blank_unknown_redshifts(columns, first_row))
-    if "redshift" in columns and "distance" in columns:
-        notes = (*notes, *_doubt_distances(columns["distance"], columns["redshift"]))
     spans = {column: bad_rows.span_of(columns[column]) for column in _MOTIONS}
     invalid = bad_rows.invalid_rows(
         lon, lat, motion, sigma, rho,
@@ -129,19 +125,6 @@ def _blank_unknown_redshifts(columns, first_row):
     for column in ("redshift", "redshift_error"):
         columns[column] = np.where(mask, np.nan, columns[column])
     return (text,)
-
-
-def _doubt_distances(distance, redshift):
-    """A note where distances and redshifts are apart by a power of ten or more, as kpc and Mpc are."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = distance * 70 / (SPEED_OF_LIGHT * np.where(redshift > 0.002, redshift, np.nan))
-    middle = np.median(ratio[np.isfinite(ratio)]) if np.isfinite(ratio).sum() > 9 else 1.0
-    if 1 / _APART < middle < _APART:
-        return ()
-    text = (
-        f"warning: distances are {middle:.2g} times those by the redshifts: is their unit right (--units distance=…)?"
-    )
-    return (CodedNote(text, DOUBT),)
 
 
 def _broadcast(value, shape):

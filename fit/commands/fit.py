@@ -275,7 +275,7 @@ def _compare_subsets(run, source, path, estimate, templates, n_sources):
         normals, range(2, lmax + 1), labels=classes.labels, noise_scale=estimate.is_scaled
     )
     inside, notes = inside or sum(item.n_sources for item in normals), []
-    if n_sources > inside and not (options.value or "").startswith(reading.DENSITY):  # which are pixels, of any size
+    if n_sources > inside and not reading.is_density(options.value, source):  # which are pixels, of any size
         notes.append(f"{n_sources - inside} of {n_sources} sources are in no class: no value, or between conditions")
     return replace(comparison, notes=(*comparison.notes, *notes, estimate.class_note))
 

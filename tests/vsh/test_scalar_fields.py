@@ -232,5 +232,12 @@ def test_parallaxes_in_a_unit_that_was_lost_are_doubted():
         (table, "parallax - bias", True),
     ):
         assert any("is the unit right" in note for note in read_scalars(columns, value).notes) == is_doubted
+    joined = {
+        "ra": table["ra"],
+        "dec": table["dec"],
+        "parallax_1": table["parallax"],
+        "parallax_error_1": table["bias"] ** 2,
+    }
+    assert_allclose(read_scalars(joined, "parallax_1").sigma, 17.0**2)
     units = dict.fromkeys(("parallax", "parallax_error"), "uas")
     assert not any("is the unit right" in note for note in read_scalars(lost, units=units).notes)

@@ -382,7 +382,7 @@ class Run:
         if value := keywords.pop("value", None):
             number, error = (word.strip() for word in re.split(r",(?![^(]*\))", f"{value},")[:2])
             keywords = {name: each for name, each in keywords.items() if name not in ("roles", "sigma")}
-            if number == reading.DENSITY and number not in source.names:
+            if reading.is_density(value, source):
                 scalars = reading.count_sources(source, error, keywords)
             else:
                 scalars = catalogue.read_scalars(source, number, error or None, **keywords)

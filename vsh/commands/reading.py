@@ -103,6 +103,11 @@ def read_named_map(text: str) -> tuple[FloatArray, str]:
 DENSITY = "density"
 
 
+def is_density(value: str | None, source: TableSource) -> bool:
+    """Return whether a value that is asked for is the density of the sources, and no column."""
+    return (value or "").partition(",")[0].strip() == DENSITY and DENSITY not in source.names
+
+
 def count_sources(source: TableSource, selection: str, keywords: dict[str, Any]) -> ScalarField:
     """The density of the sources of a catalogue, relative to a map of their selection where one is named."""
     import vsh

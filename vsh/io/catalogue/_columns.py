@@ -43,6 +43,10 @@ FURTHER_UNITS = {
 MUST_SAY = ("distance", "distance_error", "parallax", "parallax_error")
 
 
+#: No distance is apart from that by the redshift, at H0 = 70 km/s/Mpc, by such a factor, for most sources.
+_APART = 20.0
+
+
 def as_columns(columns: Any) -> ColumnRequest:
     """Interpret a choice of columns: None (any known set of names), the name of a set, role to name, or Columns."""
     if columns is None:
@@ -220,7 +224,20 @@ def size_warnings(field: Any, at_least: int = 20, *, is_assumed: bool = False) -
     if max(-lowest, highest) < _SMALL * least:
         text = f"no motion is above {max(-lowest, highest):.3g} µas/yr, and no error below {least:.3g} µas/yr"
         notes.append(CodedNote(f"warning: {text}: in which units are they (units=, --units)?", DOUBT))
+    if field.redshift is not None and field.distance is not None:
+        notes += _distance_warnings(field.distance, field.redshift)
     return notes
+
+
+def _distance_warnings(distance, redshift):
+    """A warning where distances and redshifts are apart by a power of ten or more, as kpc and Mpc are."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = distance * 70 / (SPEED_OF_LIGHT * np.where(redshift > 0.002, redshift, np.nan))
+    middle = np.median(ratio[np.isfinite(ratio)]) if np.isfinite(ratio).sum() > 9 else 1.0
+    if 1 / _APART < middle < _APART:
+        return []
+    text = f"distances are {middle:.2g} times those by the redshifts: is their unit right (--units distance=…)?"
+    return [CodedNote(f"warning: {text}", DOUBT)]
 
 
 def _motion_warnings(error, size, limits):

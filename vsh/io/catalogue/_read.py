@@ -368,7 +368,7 @@ class _FieldMaker:
                 first_row=first_row,
             )
         doubts = [] if self.value else size_warnings(field, is_assumed=self.assumes_motions)
-        for warning in (*notes, *doubts):
+        for warning in (*notes, *doubts, *(note for note in field.notes if has_code(note, NO_REDSHIFTS))):
             if has_code(warning, DOUBT, NO_REDSHIFTS, UNUSED_CORRELATIONS):
                 warn(warning, VshWarning, stacklevel=3)
         return field.add_note(*doubts) if doubts else field
