@@ -235,7 +235,7 @@ class FrameTie(FrameResult, NamedSolution):
         differences = f"{n}, with {self.n_data} differences after their own positions, parallaxes and motions"
         facts = [
             ("sources", f"{differences} are eliminated"),
-            ("model", f"{model}, catalogue − reference ({self.frame} axes)"),
+            ("model", f"{model}, catalogue − reference ({self.frame} axes); ICRF3's R1, R2, R3 are −ε"),
             ("χ²/dof", f"{self.chi2:.5g} / {self.dof} = {self.reduced_chi2:.3g} with formal errors"),
         ]
         if self.excess:
@@ -247,7 +247,7 @@ class FrameTie(FrameResult, NamedSolution):
             share = np.mean(self.with_more(10) / self.sigma)
             facts.append(("10 more sources", f"like these would give {share:.2f} of these errors"))
         table = None if unknowns.steps and not long else self.to_table()  # else the levels say it in fewer lines
-        remarks = [*self._influence_remarks(), "ICRF3's R1, R2, R3 are −ε."]
+        remarks = self._influence_remarks()
         title, columns = f"{catalogues} against {self.reference}", ("parameter", "value", "sigma", "unit")
         section = Section(title, facts, table, columns, remarks=remarks, notes=self.notes)
         return (section, *(self._by_source() if long else ()))

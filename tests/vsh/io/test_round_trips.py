@@ -26,6 +26,9 @@ CHOICES = {
 def sources(frame, choice, redshift_frame=None, n=30):
     rng = np.random.default_rng(1)
     columns = {name: rng.uniform(0.1, 0.9, n) for name in choice if name != "name"}
+    for name in ("distance", "distance_error"):  # as far as such redshifts are
+        if name in columns:
+            columns[name] *= 4000
     for name in ("redshift", "distance", "distance_error"):  # of some sources they are not known
         if name in columns:
             columns[name][:3] = np.nan
