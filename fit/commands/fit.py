@@ -14,7 +14,7 @@ from vsh.commands import finishing, parsing, reading, running
 from vsh.io.quantities import latex_table
 from vsh.io.sections import Answer
 from vsh.sky.frames import FRAMES
-from vsh.tools.errors import EmptySelectionError, ModesError, ParameterError, VshError
+from vsh.tools.errors import EmptySelectionError, ModesError, ParameterError, TableError, VshError
 from vsh.tools.notes import count_dropped, count_unselected
 
 
@@ -290,6 +290,8 @@ def _read_class(read, label, condition):
         return read(where=condition)
     except EmptySelectionError:
         raise ParameterError(f"the class {label} is empty: choose other edges, or leave it out") from None
+    except TableError as error:
+        raise TableError(str(error).replace("--where", "--classes", 1)) from error
 
 
 def _check_apart(union, classes, subsets):

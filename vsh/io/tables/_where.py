@@ -295,7 +295,9 @@ def _names_as_values(values, names, path):
 def _compare_operands(op, left, right, node):
     operand_types = {"text" if np.asarray(operand).dtype.kind in "USO" else "number" for operand, _ in (left, right)}
     if len(operand_types) > 1:
-        raise TableError(f"--where: {printable(ast.unparse(node))} compares a text with a number")
+        text = next(np.ravel(operand)[:1] for operand, _ in (left, right) if np.asarray(operand).dtype.kind in "USO")
+        example = f": {printable(text[0])} is a text" if text.size else ""
+        raise TableError(f"--where: {printable(ast.unparse(node))} compares a text with a number{example}")
     one, other = (_as_integer(a, b) for a, b in ((left[0], right[0]), (right[0], left[0])))
     return np.asarray(_ORDER[type(op)](one, other), bool)
 
