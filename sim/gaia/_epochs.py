@@ -90,9 +90,9 @@ def epochs(
     Returns
     -------
     astropy Table
-        source_id (from 1), transit_id (bits 15 and 16 the field of view: 0 preceding, 1 following), obs_time_tcb [ns
-        since J2010.0 at Gaia], obs_time_bary_corr [ns], centroid_pos_al and its error [mas], scan_pos_angle [deg],
-        parallax_factor_al, used_by_agis_al, ra0, dec0, agis_source_excess_noise.
+        source_id (from 1), transit_id (bits 15 and 16 the field of view: 0 preceding, 1 following; bits 12 to 14 the
+        row of CCDs, 1 to 7), obs_time_tcb [ns since J2010.0 at Gaia], obs_time_bary_corr [ns], centroid_pos_al and its
+        error [mas], scan_pos_angle [deg], parallax_factor_al, used_by_agis_al, ra0, dec0, agis_source_excess_noise.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def epochs(
 
     columns = {
         "source_id": source.astype(np.int64) + 1,
-        "transit_id": _identifiers(transits, at_sun[:, 0]),
+        "transit_id": _identifiers(transits, at_sun[:, 0], law.half_height),
         "obs_time_tcb": (at_sun - early).astype(np.int64),
         "obs_time_bary_corr": early[:, 0].astype(np.int64),
         "centroid_pos_al": centroid / MAS,
@@ -172,11 +172,12 @@ def epochs(
     return tables.table_of(columns, {"REFEPOCH": EPOCH, "RELEASE": "simulated DR4 epoch astrometry"}, units)
 
 
-def _identifiers(transits, time):
-    """transit_id as ESA's epochs of Gaia BH3 have it: rising with time, the field of view in bits 15 and 16."""
+def _identifiers(transits, time, half_height):
+    """transit_id as ESA's epochs of Gaia BH3 have it: rising with time, then the field of view and the row of CCDs."""
     view = np.where(transits.view > 0, 0, 1).astype(np.int64)
+    row = np.clip(np.floor(3.5 * (transits.across / half_height + 1)), 0, 6).astype(np.int64) + 1
     tick = (np.asarray(time) / 51_200).astype(np.int64)  # 2¹⁵ × 1.5625 ns
-    return (tick >> 2 << 17) | (view << 15) | (np.arange(len(time), dtype=np.int64) % 2**15)
+    return (tick >> 2 << 17) | (view << 15) | (row << 12) | (np.arange(len(time), dtype=np.int64) % 2**12)
 
 
 def _absorbed_by_attitude(law, population, truth, transits, error, scatter, stars, calibration, rng, threads):

@@ -1,9 +1,8 @@
 """Observations along scan from files of epoch astrometry, in the columns of the draft of Gaia DR4's data model.
 
-Columns of arrays become one matrix each, from every container of tables: lists, masked arrays, words of JSON. The field
-of view is determined by the code of `transit_id`, which the times between transits
-decide. Bits 15 and 16 of a transit_id
-tell the field of view. A draft of the numbering (GAIA-C3-TN-UB-JP-011, p. 9) has 1 for the preceding one and 2 for the
+Columns of arrays become one matrix each, from every container of tables: lists, masked arrays, words of JSON. Bits 12
+to 14 of a transit_id tell the row of CCDs, 1 to 7, and bits 15 and 16 the field of view, by a code that the times
+between transits decide. A draft of the numbering (GAIA-C3-TN-UB-JP-011, p. 9) has 1 for the preceding one and 2 for the
 following one; the published epochs of Gaia BH3 have 0 and 1. Gaia turns once in six hours, and its fields are 106.5°
 apart: a source is seen 106.5 minutes after the preceding field in the following one, and 253.5 minutes after that in
 the preceding one again.
@@ -260,8 +259,9 @@ _COLUMNS = (
 _EXCESS = "agis_source_excess_noise"
 _OPTIONAL = ("obs_time_bary_corr", "used_by_agis_al", "transit_id", "colour_factor_al", _EXCESS)
 _PLACES = ("ra0", "dec0")
-#: Parts of the observations, by the field of view.
-_VIEWS = {"field of view 1": 1, "field of view 2": -1}
+#: Parts of the observations: the attribute that tells them, and its value there.
+_PARTS = {"field of view 1": ("view", 1), "field of view 2": ("view", -1)}
+_PARTS |= {f"CCD row {row}": ("row", row) for row in range(1, 8)}
 #: CCDs of a transit with the sky mapper's, which is the first and never used.
 _SLOTS = 10
 #: What columns without a unit are in, and others are turned to.
@@ -300,6 +300,8 @@ class Observations(Frozen):
     excess_noise : (k,) array or None
         The excess noise that AGIS added to the errors of each source's observations in quadrature; None where the table
         has none. [µas]
+    row : (k,) int array or None
+        Row of CCDs of each observation, 1 to 7; None where it is not known.
     """
 
     lon: FloatArray
@@ -314,13 +316,14 @@ class Observations(Frozen):
     view: IntArray | None = None
     colour: FloatArray | None = None
     excess_noise: FloatArray | None = None
+    row: IntArray | None = None
 
-    def in_view(self, where: str) -> "Observations":
-        """Observations of one of both fields of view, of the sources that have some.
+    def select(self, where: str) -> "Observations":
+        """Observations of one field of view or one row of CCDs, of the sources that have some.
 
         Parameters
         ----------
-        where : {"field of view 1", "field of view 2"}
+        where : {"field of view 1", "field of view 2", "CCD row 1", …, "CCD row 7"}
             The preceding field is the first.
 
         Raises
@@ -328,12 +331,14 @@ class Observations(Frozen):
         ParameterError
             If there is no such part.
         TableError
-            If nothing tells the fields of view.
+            If nothing tells them.
         """
-        part = choice("where", where, tuple(_VIEWS))
-        if self.view is None:
-            raise TableError(f"no transit_id tells the field of view of an observation, so none is of {part}")
-        keep = self.view == _VIEWS[part]
+        part = choice("where", where, tuple(_PARTS))
+        name, value = _PARTS[part]
+        if (values := getattr(self, name)) is None:
+            kind = "field of view" if name == "view" else "CCD row"
+            raise TableError(f"no transit_id tells the {kind} of an observation, so none is of {part}")
+        keep = values == value
         if not keep.any():
             raise EmptyFieldError(f"no observation is of {part}")
         present, number = np.unique(self.source[keep], return_inverse=True)
@@ -373,6 +378,7 @@ class Observations(Frozen):
             position=mean(self.position),
             error=1 / np.sqrt(total),
             view=None if self.view is None else self.view[starts],
+            row=None if self.row is None else self.row[starts],
             colour=None if self.colour is None else mean(self.colour),
             excess_noise=None if self.excess_noise is None else mean(self.excess_noise),
         )
@@ -478,10 +484,12 @@ def read_observations(
         lon, lat = _join_positions(identifiers, positions)
     order = np.argsort(number, kind="stable")
     number, flat = number[order], {name: values[order] for name, values in flat.items()}
-    view = None
+    view = row = None
     if "view" in flat:
         view, note = views_of(flat["view"], number, flat["obs_time_tcb"])
         notes = (*notes, *([note] if note else []))
+        row = (np.asarray(flat["view"], np.int64) >> 12) & 7
+        row = row if row.all() else None  # no row has the number 0: this is another numbering
     time = 2010.0 - epoch + (flat["obs_time_tcb"] + flat.get("obs_time_bary_corr", 0.0)) / _YEAR
     colour, excess = flat.get("colour_factor_al"), flat.get(_EXCESS)
     return Observations(
@@ -497,6 +505,7 @@ def read_observations(
         view,
         None if colour is None or not colour.any() else MAS * colour,
         None if excess is None else MAS * excess,
+        row,
     )
 
 
@@ -679,9 +688,10 @@ def read_epochs(
         Other names of these columns.
     positions : path or table, optional
         Where the sources are, by source_id, ra and dec, for files without ra0 and dec0.
-    where : {"field of view 1", "field of view 2"}, optional
-        Solve by the observations of the preceding (1) or the following field of view alone, which transit_id tells: two
-        catalogues whose comparison (`fit.compare.compare_catalogues`) tests the basic angle.
+    where : {"field of view 1", "field of view 2", "CCD row 1", …, "CCD row 7"}, optional
+        Solve by the observations of the preceding (1) or the following field of view alone, or of one row of CCDs,
+        which transit_id tells: catalogues whose comparison (`fit.compare.compare_catalogues`) tests the basic angle, or
+        the calibration across the field.
 
     Returns
     -------
@@ -702,7 +712,7 @@ def read_epochs(
     mode, which is that of DR4, and with ``robust=True`` in its mode ``compute_excess_noise=True``.
     """
     observations = read_observations(source, epoch=epoch, columns=columns, positions=positions)
-    observations = observations if where is None else observations.in_view(where)
+    observations = observations if where is None else observations.select(where)
     colour = observations.colour if pseudocolour else None
     error, excess, notes = observations.error, observations.excess_noise, observations.notes
     if robust is None and excess is None:

@@ -426,7 +426,7 @@ def test_observations_that_stand_twice_are_said_where_rows_are_observations(tran
 def test_fields_of_view_are_solved_apart(transits):
     """Their normal equations add up to those of all; sources without an observation there are counted."""
     whole = read_observations(transits)
-    halves = [whole.in_view(f"field of view {number}") for number in (1, 2)]
+    halves = [whole.select(f"field of view {number}") for number in (1, 2)]
     assert sum(len(half.time) for half in halves) == len(whole.time)
     solutions = [solve_epochs(x.source, x.design, x.position, x.error, robust=False) for x in (whole, *halves)]
     inverse = [np.linalg.inv(solution.covariance) for solution in solutions]
@@ -437,6 +437,24 @@ def test_fields_of_view_are_solved_apart(transits):
     field = read_epochs(first, where="field of view 2")
     assert len(field) == 58
     assert any("2 sources have none" in note for note in field.notes)
+
+
+def test_rows_of_ccds_are_solved_apart(transits):
+    """All seven have observations, each once; a row that is off moves its own motions alone."""
+    whole = read_observations(transits)
+    rows = [whole.select(f"CCD row {number}") for number in range(1, 8)]
+    assert sum(len(each.time) for each in rows) == len(whole.time)
+    assert min(len(each.time) for each in rows) > 0.05 * len(whole.time)
+    table, years = transits.copy(), np.asarray(transits["obs_time_tcb"]) / (365.25 * 86400e9) - 7.5
+    is_third = (np.asarray(table["transit_id"]) >> 12) & 7 == 3
+    table["centroid_pos_al"] = table["centroid_pos_al"] + is_third[:, None] * years  # 1 mas/yr along every scan
+    third, fourth = (read_epochs(table, where=f"CCD row {number}", on_bad="drop") for number in (3, 4))
+    before, same = (read_epochs(transits, where=f"CCD row {number}", on_bad="drop") for number in (3, 4))
+    np.testing.assert_array_equal(fourth.motion, same.motion)
+    assert np.abs(third.motion - before.motion).max() > 100
+    table["transit_id"] = np.asarray(table["transit_id"]) & ~(7 << 12)
+    with pytest.raises(TableError, match="no transit_id tells the CCD row"):
+        read_epochs(table, where="CCD row 3")
 
 
 def test_basic_angle_that_differs_by_the_field_of_view_is_found(transits):
