@@ -10,7 +10,7 @@ from fit.results.solution import Solution
 from fit.results.storage import Result
 from vsh.io import tables
 from vsh.io.sections import Section
-from vsh.models.covariance import Spectrum
+from vsh.models.covariance import ScalarSpectrum, Spectrum
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, FloatArray, Table
 
@@ -20,7 +20,7 @@ _SEEN = 3.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CrossPowers(Result):
-    """Projection of a solution on each template, separately for each degree.
+    """Projection of a solution of motions or of numbers on each template, separately for each degree.
 
     Attributes
     ----------
@@ -29,12 +29,14 @@ class CrossPowers(Result):
     degrees : (n,) array
         The degree of each row.
     values : (n,) array
-        Motion along the template's part of this degree, rms over the sky; negative where it is against it. [µas/yr]
+        What follows the template's part of this degree, rms over the sky; negative where it is against it. [`unit`]
     errors : (n,) array
-        Standard errors of `values`, from the covariance of the solution. [µas/yr]
+        Standard errors of `values`, from the covariance of the solution. [`unit`]
     errors_with_floor : (n,) array
         Standard errors that include the systematic errors, if a spectrum of these was given: the scatter of `values`
-        for a template that is not a cause of the motions. [µas/yr]
+        for a template that is not a cause of the motions. [`unit`]
+    unit : str
+        That of the solution.
     """
 
     templates: tuple[str, ...]
@@ -42,6 +44,7 @@ class CrossPowers(Result):
     values: FloatArray
     errors: FloatArray
     errors_with_floor: FloatArray
+    unit: str = "µas/yr"
 
     def __repr__(self) -> str:
         return f"<CrossPowers: {len(set(self.templates))} templates, degrees to {int(max(self.degrees))}>"
@@ -50,17 +53,20 @@ class CrossPowers(Result):
         is_significant = (np.abs(self.values) > _SEEN * self.errors_with_floor) & (self.degrees > 1)
         pairs = zip(self.templates, self.degrees, is_significant, strict=True)
         text = ", ".join(f"{name} (l = {l:.0f})" for name, l, is_seen in pairs if is_seen)
+        is_of_motions = self.unit == "µas/yr"
+        own = "spin and acceleration themselves" if is_of_motions else "the dipole itself"
         remarks = [
-            f"More than three errors with the floor: {text or 'none'}. Degree 1 contains spin and acceleration "
-            "themselves and is not judged."
+            f"More than three errors with the floor: {text or 'none'}. Degree 1 contains {own} and is not judged."
         ]
-        return (Section("Motions along each template, by degree (rms)", (), self.to_table(), remarks=remarks),)
+        title = f"{'Motions' if is_of_motions else 'Values'} along each template, by degree (rms)"
+        return (Section(title, (), self.to_table(), remarks=remarks),)
 
     def to_table(self) -> Table:
         """A row for each template and degree as an astropy Table."""
         motions = {"value": self.values, "error": self.errors, "error_with_floor": self.errors_with_floor}
         columns = {"template": list(self.templates), "degree": self.degrees.astype(int)} | motions
-        return tables.table_of(columns, {}, dict.fromkeys(motions, "uas / yr"))
+        unit = {"µas/yr": "uas / yr", "µas": "uas"}.get(self.unit, self.unit)
+        return tables.table_of(columns, {}, dict.fromkeys(motions, unit) if unit else {})
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """The projections in units of their errors on matplotlib axes."""
@@ -70,7 +76,7 @@ class CrossPowers(Result):
 
 
 def cross_powers(
-    solution: Solution, templates: Sequence[TemplateField], spectrum: Spectrum | None = None
+    solution: Solution, templates: Sequence[TemplateField], spectrum: Spectrum | ScalarSpectrum | None = None
 ) -> CrossPowers:
     """Project a solution on templates, degree by degree.
 
@@ -80,7 +86,7 @@ def cross_powers(
         Fitted to the degree of the templates, without them.
     templates : sequence of TemplateField
         `normal.templates` of the normal equations it was solved from.
-    spectrum : Spectrum, optional
+    spectrum : Spectrum or ScalarSpectrum, optional
         Spectrum of the systematic errors, such as `Floor.spectrum`: power that does not depend on the template.
 
     Raises
@@ -116,4 +122,5 @@ def cross_powers(
         row @ solution.values,
         np.sqrt(np.einsum("nk,kl,nl->n", row, solution.covariance, row)),
         np.sqrt(np.einsum("nk,kl,nl->n", row, total_covariance, row)),
+        solution.unit,
     )

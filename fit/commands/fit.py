@@ -101,8 +101,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--value names no column")
     if options.value and options.sigma is not None:
         parser.error("sigma= is an error of motions: name the column of errors of a number, --value VALUE,ERROR")
-    if options.value and (options.waves or options.templates or reading.in_parts(options)):
-        parser.error("--value fits one number of each source: --waves, --templates and --workers are for motions")
+    if options.value and (options.waves or reading.in_parts(options)):
+        parser.error("--value fits one number of each source: --waves and --workers are for motions")
     options.years = options.waves if isinstance(options.waves, float) else None
     if options.floor == "no" and options.method == "recommended":
         parser.error("the recommended fit includes the systematic floor: --method student is the same fit without it")
@@ -370,7 +370,7 @@ def _template(word, run, source, path, field):
 def _column_template(name, run, source, path):
     """Numbers of a column at the places of the sources that are read."""
     arguments = reading.field_arguments(run.options)
-    if reading.in_parts(run.options):
+    if run.options.value or reading.in_parts(run.options):  # numbers have no motions, whose rows would be theirs
         chunks = vsh.io.catalogue.stream_columns(source, [name], **arguments)
         pairs = ((field.to_frame("icrs"), columns[name]) for field, columns in chunks)
         return fit.background.Template.of_parts(name, ((field.lon, field.lat, values) for field, values in pairs))
@@ -391,7 +391,7 @@ def _cross_powers_of(solution, floor, templates):
         with suppress(VshError):  # too few degrees, or too little of the sky
             floor = fit.background.floor(solution, range(2, min(solution.modes.lmax, _MAPPED) + 1))
 
-    plain = fit.solve(fit.background.equations_of(solution))
+    plain = fit.solve(fit.background.equations_of(solution, scalars=True))
     fields = template_fields(templates, plain.modes, plain.frame)
     if floor is None:
         return fit.background.cross_powers(plain, fields)

@@ -18,7 +18,7 @@ from vsh.tools.types import ArrayLike, FloatArray
 
 
 class TemplateField(NamedTuple):
-    """A field of motions that a template may cause, of 1 µas/yr rms over the sky, cut to a degree."""
+    """A field that a template may cause, of 1 µas/yr (motions) or one unit rms over the sky, cut to a degree."""
 
     name: str
     values: FloatArray

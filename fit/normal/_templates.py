@@ -1,9 +1,10 @@
 """Templates: maps of what may cause systematics, cut to the degree of a fit.
 
-A scalar map m may push motions along its slope, ∇m, or across it, r × ∇m: its coefficients a_lm of degrees 1 … L times
-√(l(l+1)) are those of a spheroidal and of a toroidal field. Cut to degree L a template is a sum of the modes that are
-fitted, t = Σ t_k V_k: normal equations with it as a further unknown are EᵀNE and Eᵀb, E = [1 | t], so no source is
-looked at again. Its amplitude has a variance of its own, or it could not be told from the modes.
+A scalar map m may push motions along its slope, ∇m, or across it, r × ∇m: its coefficients a_lm of degrees 1 … L
+times √(l(l+1)) are those of a spheroidal and of a toroidal field. Numbers follow the map itself. Cut to degree L a
+template is a sum of the modes that are fitted, t = Σ t_k V_k: normal equations with it as a further unknown are EᵀNE
+and Eᵀb, E = [1 | t], so no source is looked at again. Its amplitude has a variance of its own, or it could not be
+told from the modes.
 
 Structure beyond degree L is left out on purpose: it lines up with systematics beyond L, which no prior holds, and its
 amplitude would be taken as better known than it is.
@@ -155,14 +156,14 @@ class Template(Frozen):
         return cls(name, ScalarField(lon, lat, total / counts, 1 / np.sqrt(counts), frame=frame), frame)
 
     @classmethod
-    def density(cls, name: str, field: Field | Iterable[Field], nside: int = 16) -> "Template":
+    def density(cls, name: str, field: Field | ScalarField | Iterable[Field], nside: int = 16) -> "Template":
         """A template of the number of sources on the sky.
 
         Parameters
         ----------
         name : str
             What it is called.
-        field : Field, or iterable of Fields
+        field : Field, ScalarField, or iterable of Fields
             The sources, in one frame.
         nside : int
             Resolution of the map.
@@ -170,13 +171,15 @@ class Template(Frozen):
         from vsh.sky.pixels import pixels_of  # slow to import, as below
 
         counts, frame = np.zeros(12 * nside**2), "icrs"
-        for chunk in [field] if isinstance(field, Field) else field:
+        for chunk in [field] if isinstance(field, Field | ScalarField) else field:
             counts += np.bincount(pixels_of(chunk.lon, chunk.lat, nside), minlength=counts.size)
             frame = chunk.frame
         return cls(name, counts, frame)
 
     def fields(self, modes: Modes, frame: str) -> list[TemplateField]:
         """The motions that it may cause: along its slope and across of a map, as they are of coefficients.
+
+        Of numbers it is the map itself.
 
         Parameters
         ----------
@@ -192,13 +195,19 @@ class Template(Frozen):
         FrameError
             If its coefficients are of other axes.
         """
-        if isinstance(self.source, Coefficients):
+        if modes.components == 1:
+            if isinstance(self.source, Coefficients):
+                raise ParameterError(f"the template {self.name} is of motions, which numbers do not follow")
+            vectors = {self.name: np.r_[0.0, self._scalar_coefficients(modes.lmax, frame)]}
+        elif isinstance(self.source, Coefficients):
             if self.frame != frame:
                 raise FrameError(f"the template {self.name} is of {self.frame} axes, the fit of {frame} ones")
             least = Modes(min(modes.lmax, self.source.modes.lmax))
             vectors = {self.name: _pad_coefficients(self.source.to_degree(least.lmax), modes)}
         else:
-            scalar = self._gradient_coefficients(modes.lmax, frame)
+            scalar = self._scalar_coefficients(modes.lmax, frame)
+            degrees = ScalarModes(modes.lmax).degrees[1:]
+            scalar = scalar * np.sqrt(degrees * (degrees + 1.0))  # its gradient, in spheroidal modes
             zeros = np.zeros_like(scalar)
             vectors = {f"{self.name}, along": np.r_[zeros, scalar], f"{self.name}, across": np.r_[scalar, zeros]}
         fields = []
@@ -211,21 +220,18 @@ class Template(Frozen):
             fields.append(TemplateField(name, values / size))
         return fields
 
-    def _gradient_coefficients(self, lmax, frame):
-        """Coefficients of its gradient in spheroidal modes."""
+    def _scalar_coefficients(self, lmax, frame):
+        """Coefficients of the map from degree 1 on."""
         field, scale = self._standardised_field()
         if scale == 0:
             raise ParameterError(f"the template {self.name} is constant: it moves nothing")
-        modes = ScalarModes(lmax)
         normal = Moments.of(field.to_frame(frame), lmax).normal_equations()
         size = np.sqrt(np.diag(normal.matrix))
         if not (size > 0).all() or np.linalg.cond(normal.matrix / np.outer(size, size)) > 1e6:
             raise ParameterError(
                 f"the template {self.name} is known on too little of the sky to be expanded to degree {lmax}"
             )
-        values = np.linalg.solve(normal.matrix, normal.rhs)[1:]
-        degrees = modes.degrees[1:]
-        return values * np.sqrt(degrees * (degrees + 1.0))
+        return np.linalg.solve(normal.matrix, normal.rhs)[1:]
 
     def _standardised_field(self):
         """Its numbers at places, about their mean and in units of their scatter, and that scatter."""
@@ -273,8 +279,6 @@ def template_fields(templates: Sequence[Template], modes: Modes, frame: str) -> 
     ParameterError
         If one is constant, or two are the same.
     """
-    if templates and modes.components == 1:
-        raise ParameterError("templates are of motions: numbers have none")
     fields = [field for template in templates for field in template.fields(modes, frame)]
     for i, candidate in enumerate(fields):
         for two in fields[:i]:

@@ -11,7 +11,7 @@ import fit
 import sim
 from fit.background import SHAPES, Template, cross_powers, floor, shared
 from fit.commands.fit import main
-from vsh import Coefficients, Field, Modes, ModesError, ParameterError
+from vsh import Coefficients, Field, Modes, ModesError, ParameterError, ScalarField, ScalarModes
 from vsh.sky.pixels import centres
 
 healpy = pytest.importorskip("healpy", reason="there is no healpy for Windows")
@@ -88,6 +88,29 @@ def test_amplitudes_come_back(sigma):
     assert np.sqrt(np.mean(across**2)) < 1.35
     first = np.array([each.values[0] / np.sqrt(np.diag(each.covariance)) for each in results])
     assert 0.7 < np.sqrt(np.mean(first**2)) < 1.2
+
+
+def test_numbers_follow_the_map_itself():
+    """Amplitudes of a map in numbers come back within their errors, and the mean and dipole stay what they are."""
+    template, (lon, lat) = Template("scans", MAP), sim.plane_avoiding_sky(3000, 3)
+    (field,) = template.fields(ScalarModes(5), "icrs")
+    values = smooth(lon, lat) - MAP.mean()
+    pulls, means = [], []
+    for seed in range(8):
+        numbers = 7 + 40 * values / MAP.std() + 100 * np.random.default_rng([6, seed]).normal(size=3000)
+        scalars = ScalarField(lon, lat, numbers, np.full(3000, 100.0), "µas")
+        normal = fit.normal_equations(scalars, 5, templates=[template])
+        result = shared([normal], draws=100, rng=seed)
+        pulls.append((result.amplitudes[0] - 40) / np.sqrt(result.amplitude_covariance[0, 0]))
+        means.append((result.solutions[0].mean[0] - 7) / result.solutions[0].mean[1])
+        powers = cross_powers(fit.solve(fit.normal_equations(scalars, 5)), normal.templates)
+        assert powers.unit == "µas"
+        assert "µas/yr" not in str(powers)
+    assert field.name == "scans"
+    assert 0.2 < np.sqrt(np.mean(np.square(pulls))) < 1.8
+    assert abs(np.mean(means)) < 1.2
+    with pytest.raises(ParameterError, match="numbers do not follow"):
+        Template("flow", Coefficients(Modes(5), np.ones(70))).fields(ScalarModes(5), "icrs")
 
 
 def test_template_in_degree_one_is_taken_from_the_acceleration():
@@ -220,3 +243,11 @@ def test_command(tmp_path, capsys):
     assert "no such file, and no such column" in capsys.readouterr().err
     assert main([str(tmp_path / "q.fits"), "--lmax", "4", "--templates", "scans", "--classes", "halves:galactic"]) == 0
     assert "template scans, along" in capsys.readouterr().out
+    capsys.readouterr()
+    table = Table.read(tmp_path / "q.fits")["source_id", "ra", "dec"]
+    table["phot_g_mean_mag"] = 18 + np.sin(np.radians(table["dec"]) * 3)
+    table["parallax"], table["parallax_error"] = np.random.default_rng(4).normal(0, 0.1, len(table)), 0.1
+    table.write(tmp_path / "parallaxes.fits")  # without motions
+    scalars = [str(tmp_path / "parallaxes.fits"), "--value", "parallax", "--templates", "density,phot_g_mean_mag"]
+    assert main([*scalars, "--lmax", "4"]) == 0
+    assert "Values along each template" in capsys.readouterr().out

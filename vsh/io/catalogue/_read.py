@@ -102,7 +102,7 @@ def read_field(
     where : str, optional
         A condition on the table's columns, in its units: "phot_g_mean_mag < 19 and 0.5 < redshift < 2"; see
         `vsh.io.tables.Where`. Rows with a missing value in it are not selected; a note counts all that are left out.
-        A table of epochs takes "field of view 1" or "field of view 2" alone.
+        A table of epochs takes "field of view 1" or 2, or "CCD row 1" to 7, alone.
     format : str, optional
         Where the ending does not tell it: fits, votable, ecsv, mrt, csv, parquet, hdf5, cds, ascii or icrf.
     sigma : float, optional
@@ -207,6 +207,7 @@ def _maker_of_columns(source, names, reading):
     for name in names:
         if name not in table.names:
             raise TableError(f"{table.label}: {missing_column(name, table)}")
+    table, options["columns"], _ = add_zero_motions(table, options["columns"])  # columns need no motions beside them
     make = _FieldMaker(table, **options, roles=())
     make.names = tuple(dict.fromkeys((*make.names, *names)))
     make.column_of["name"] = _ROW  # names are carried along by whatever leaves rows out
