@@ -22,6 +22,7 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.catalogue import counterparts, match
 from vsh.io.sections import Answer, Section
+from vsh.models.covariance import Covariance, of_errors
 from vsh.modes import Modes, as_modes
 from vsh.sky.frames import Positions
 from vsh.tools import arguments
@@ -513,6 +514,10 @@ def compare_catalogues(
     order = np.flatnonzero(~selection)[np.argsort(-distances[~selection], kind="stable")]
     source_names = differences.name if differences.name is not None else np.arange(len(differences))
     fitted = differences[selection]
+    sources = [_with_own_errors(each, indices[selection], fitted) for each, indices in ((a, pairs.a), (b, pairs.b))]
+    shared_errors = [getattr(each, "covariance", None) is not None for each in (a, b)]
+    if method == "least-squares" and any(shared_errors):
+        formal = _solve_with_covariances((a[pairs.a[selection]], b[pairs.b[selection]]), sources, fitted, modes)
     estimate = _solve_by_method(fitted, modes, method, replicates, rng) or formal
     notes = list(estimate.notes)
     if (scatter > 1.2).any():
@@ -531,22 +536,32 @@ def compare_catalogues(
     solution = replace(estimate, unit=unit, notes=tuple(notes))
     names = tuple(name for name, (mode, _) in ICRF3.items() if mode.l == 1 and mode.kind in PARAMETERS[parameters])
     indices = np.array([modes.index(ICRF3[each][0]) for each in names], int)
-    sources = [_with_own_errors(each, indices[selection], fitted) for each, indices in ((a, pairs.a), (b, pairs.b))]
     comparison = FrameComparison(
         labels=(labels[0], labels[1]),
         solution=solution,
         names=tuple(str(source_names[i]) for i in order),
         offsets=differences.motion[:, order].T,
         distances=distances[order],
-        factor=solution.quality.factor,
+        factor=1.0 if solution.error_source == ErrorSource.SCALED else solution.quality.factor,
         correlations=correlation_matrices(sources, modes.lmax, labels=list(labels)),
-        by_class=fit_by_error_class(fitted, modes) if method == "least-squares" else None,
+        by_class=fit_by_error_class(fitted, modes) if method == "least-squares" and not any(shared_errors) else None,
         alone=fit_by_error_class(fitted, modes, indices) if names else None,
         alone_names=names,
         method="" if method == "least-squares" else method,
         n_same=n_same,
     )
     return _add_floor(comparison, fitted, floor, replicates, rng), fitted
+
+
+def _solve_with_covariances(catalogues, sources, fitted, modes):
+    """The fit with what sources have in common in one catalogue or both; larger errors where χ² asks for them."""
+    parts = [
+        of_errors(own) if getattr(each, "covariance", None) is None else Covariance(each.covariance)
+        for each, own in zip(catalogues, sources, strict=True)
+    ]
+    solution = fit_field(fitted, modes, covariance=parts[0] + parts[1])
+    scaled = solution.scaled if solution.quality.factor > 1 else solution
+    return replace(scaled, errors_from=scaled.errors_from.replace("the catalogue", "the covariance between sources"))
 
 
 def _with_given_errors(clipped, scaled, given):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vsh.sky.sphere import angles, triad
+from vsh.tools.arguments import float_array
 from vsh.tools.bad_rows import checked_columns
 from vsh.tools.errors import FieldError, FrameError, ParameterError
 from vsh.tools.notebook import Frozen
@@ -167,6 +168,8 @@ class Positions(Frozen):
         Which of them define the axes of the frame.
     frame : str
     notes : tuple of str
+    covariance : (2n, 2n) array or None
+        Covariance of all of them, α cos δ first, where the sources share errors. [µas²]
 
     Raises
     ------
@@ -184,10 +187,14 @@ class Positions(Frozen):
     defining: BoolArray | None = None
     frame: str = "icrs"
     notes: tuple[str, ...] = ()
+    covariance: FloatArray | None = None
 
     def __post_init__(self) -> None:
         check_frame(self.frame)
         self._set(**checked_columns(self, ("lat", "sigma", "rho", "motion"), ("name", "defining")))
+        if self.covariance is not None:
+            n = 2 * len(self)
+            self._set(covariance=float_array("the covariance of positions", self.covariance, (n, n)))
 
     def __len__(self) -> int:
         return self.lon.size
@@ -197,7 +204,12 @@ class Positions(Frozen):
 
     def __getitem__(self, keep: Any) -> Positions:
         """The sources picked by a mask, a slice or indices."""
-        arrays: dict[str, Any] = {k: v[..., keep] for k, v in vars(self).items() if isinstance(v, np.ndarray)}
+        columns: dict[str, Any] = {k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)}
+        matrix = columns.pop("covariance", None)
+        arrays = {k: v[..., keep] for k, v in columns.items()}
+        if matrix is not None:
+            rows = np.arange(2 * len(self)).reshape(2, -1)[:, keep].ravel()
+            arrays["covariance"] = matrix[np.ix_(rows, rows)]
         return replace(self, **arrays)
 
     def at_epoch(self, epoch: float | None) -> Positions:

@@ -393,7 +393,12 @@ def read_positions(
         )
     rho = np.where(filled, 0.0, numbers["ra_dec_corr"])[keep]
     defining = np.asarray(table["defining"][0]).astype(str)[keep] == "D" if is_icrf else None
-    return Positions(lon, lat, errors * MAS, rho, name=names, frame=frame, notes=notes, defining=defining)
+    positions = Positions(lon, lat, errors * MAS, rho, name=names, frame=frame, notes=notes, defining=defining)
+    if table_source.covariance is None:
+        return positions
+    places = np.arange(len(table_source.covariance)).reshape(2, -1)
+    used = (places[:, rows] if clause else places)[:, keep].ravel()
+    return replace(positions, covariance=table_source.covariance[np.ix_(used, used)])
 
 
 def _notes_on_errors(label, bare, errors, sigma, n_filled, has_errors):

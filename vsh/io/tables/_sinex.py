@@ -1,7 +1,7 @@
 """Positions of radio sources in SINEX, the format of solutions of the IVS: estimates and their covariance.
 
-Right ascensions and declinations (RS_RA, RS_DE) are read with the correlation of both of a source; what sources have in
-common stands in the matrix, too, and is not used. Reference: IERS Message 103, SINEX 2.02 (2006).
+Right ascensions and declinations (RS_RA, RS_DE) are read with the covariance of all of them, whatever else was solved
+for. Reference: IERS Message 103, SINEX 2.02 (2006).
 """
 
 from pathlib import Path
@@ -16,6 +16,8 @@ from vsh.tools.types import PathName
 _KINDS = ("RS_RA", "RS_DE")
 #: From radians. [mas]
 _MAS = np.degrees(3.6e6)
+#: The covariance of more sources is not kept: 10⁸ numbers.
+_MOST = 5000
 
 
 def open_sinex(path: PathName, label: str) -> TableSource:
@@ -26,14 +28,15 @@ def open_sinex(path: PathName, label: str) -> TableSource:
         names = {line[1:5].strip(): (line[6:14].strip(), line[15:31].strip()) for line in blocks["SOURCE/ID"]}
         estimates = [line.split() for line in blocks["SOLUTION/ESTIMATE"]]
         values = {(row[2], row[1]): tuple(map(_number, row[-2:])) for row in estimates if row[1] in _KINDS}
-        number = {(row[2], row[1]): int(row[0]) for row in estimates if row[1] in _KINDS}
         codes = [code for code in names if all((code, kind) in values for kind in _KINDS)]
         lon, east, lat, north = np.array([values[code, "RS_RA"] + values[code, "RS_DE"] for code in codes]).T
-        pairs = [(number[code, "RS_RA"], number[code, "RS_DE"]) for code in codes]
-        rho = _correlations_of(blocks, pairs)
+        number = {(row[2], row[1]): int(row[0]) for row in estimates if row[1] in _KINDS}
+        matrix = _matrix_of(blocks, [number[code, kind] for kind in _KINDS for code in codes], np.r_[east, north])
     except (KeyError, IndexError, ValueError) as error:
         reason = f"it has no block {error}" if isinstance(error, KeyError) else f"none, or a damaged one ({error})"
         raise TableError(f"{label} is no solution of positions (RS_RA, RS_DE) in SINEX: {reason}") from None
+    n = len(codes)
+    rho = np.zeros(n) if matrix is None else np.diagonal(matrix, n) / (east * north)
     columns = {
         "icrf": np.array([names[code][1].removeprefix("ICRF ") for code in codes]),
         "iers": np.array([names[code][0] for code in codes]),
@@ -42,9 +45,14 @@ def open_sinex(path: PathName, label: str) -> TableSource:
         "ra_error": east * np.cos(lat) * _MAS, "dec_error": north * _MAS, "ra_dec_corr": rho,
     }  # fmt: skip
     units = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
-    note = f"{Path(path).name}: what the errors of two sources have in common, by the matrix of SINEX, is not used"
     source = open_dict_or_array(columns)
-    return TableSource(label, source.names, source.read, units, notes=(note,))
+    notes: tuple[str, ...] = ()
+    if matrix is None and n > _MOST:
+        notes = (f"{Path(path).name}: the covariance of more than {_MOST} sources is not read, nor are correlations",)
+    elif matrix is not None:
+        scale = _MAS * 1e3 * np.r_[np.cos(lat), np.ones(n)]
+        matrix *= scale * scale[:, None]
+    return TableSource(label, source.names, source.read, units, notes=notes, covariance=matrix)
 
 
 def _blocks_of(lines):
@@ -63,20 +71,20 @@ def _number(text):
     return float(text.upper().replace("D", "E"))
 
 
-def _correlations_of(blocks, pairs):
-    """The correlation of both coordinates of each source, (n,); zero where the file has no matrix of them."""
+def _matrix_of(blocks, indices, errors):
+    """Covariance of the estimates with these indices, (2n, 2n); None where the file has no matrix of them. [rad²]"""
     title = next((name for name in blocks if name.startswith("SOLUTION/MATRIX_ESTIMATE")), "")
-    if not title.endswith(("COVA", "CORR")):
-        return np.zeros(len(pairs))
-    wanted = {place for i, j in pairs for place in ((i, i), (j, j), (min(i, j), max(i, j)))}
-    elements = dict.fromkeys(wanted, 0.0)
+    if not title.endswith(("COVA", "CORR")) or len(indices) > 2 * _MOST:
+        return None
+    places, matrix = {index: place for place, index in enumerate(indices)}, np.zeros((len(indices), len(indices)))
     for line in blocks[title]:
-        row, column, *numbers = line.split()
-        for offset, text in enumerate(numbers):
-            place = tuple(sorted((int(row), int(column) + offset)))
-            if place in wanted:
-                elements[place] = _number(text)
-    cross = np.array([elements[min(pair), max(pair)] for pair in pairs])
+        row, first, *numbers = line.split()
+        if (i := places.get(int(row))) is None:
+            continue
+        for column, text in enumerate(numbers, int(first)):
+            if (j := places.get(column)) is not None:
+                matrix[i, j] = matrix[j, i] = _number(text)
     if title.endswith("CORR"):  # whose diagonal may hold the errors
-        return cross
-    return cross / np.sqrt([elements[i, i] * elements[j, j] for i, j in pairs])
+        np.fill_diagonal(matrix, 1.0)
+        matrix *= errors * errors[:, None]
+    return matrix

@@ -124,6 +124,8 @@ class TableSource(InNotebook):
     systems: dict = field(default_factory=dict)
     #: Words on other tables in the same file, for a message; empty where there are none.
     others: str = ""
+    #: Covariance of the positions of all n rows, east components first, (2n, 2n). [µas²]
+    covariance: Any = None
 
     def blocks(self, names: Sequence[str] | None = None, rows: int = ROWS) -> Iterator[dict[str, Any]]:
         """Some columns in blocks of at most `rows` rows: dicts of (values, mask or None)."""

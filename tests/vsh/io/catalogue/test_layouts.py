@@ -409,7 +409,13 @@ def test_sinex(tmp_path, kind, name):
     np.testing.assert_allclose(read.rho, -0.3)
     (tmp_path / name).write_text(sinex(kind).replace("E-10", "D-10"))
     np.testing.assert_allclose(read_positions(tmp_path / name).rho, -0.3)
-    assert any("is not used" in str(note) for note in read.notes)
+    n = len(POSITIONS)
+    for part in (read, read_positions(tmp_path / name, where="ra > 0")[np.ones(n, bool)]):
+        own = np.zeros((2 * n, 2 * n))
+        own[np.diag_indices(2 * n)] = (part.sigma**2).ravel()
+        own[np.arange(n), n + np.arange(n)] = own[n + np.arange(n), np.arange(n)] = part.rho * part.sigma.prod(0)
+        np.testing.assert_allclose(part.covariance, own, rtol=1e-5)
+    np.testing.assert_array_equal(read[[2, 0]].covariance[0], read.covariance[2][[2, 0, n + 2, n]])
 
 
 def test_sinex_without_sources_is_told(tmp_path):
