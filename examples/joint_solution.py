@@ -44,7 +44,7 @@ figure, ax = plt.subplots()
 ax.semilogx(known, ratios, "o-", color=COLOURS[0], label="known")
 ax.axhline(solved, color=COLOURS[1], label="solved from the quasars")
 ax.set_xlabel("attitude known to [µas]")
-ax.set_ylabel("true / formal error of the acceleration")
+ax.set_ylabel("true / formal error")
 ax.legend()
 plt.savefig("joint_solution.png", dpi=300)
 
@@ -72,12 +72,12 @@ edges = np.arange(np.floor(magnitude.min()), np.ceil(magnitude.max()) + 1)
 group = np.digitize(magnitude, edges) - 1
 counts = np.bincount(group, minlength=len(edges) - 1)
 figure, ax = plt.subplots()
-for column, name in enumerate(("α*", "δ", "ϖ", "µα*", "µδ")):
+for column, name in enumerate(("α*", "δ", "ϖ", "$µ_{α*}$", "$µ_δ$")):
     pulls = solution.sources[solution.solved, column] / np.sqrt(solution.formal[solution.solved, column, column])
     true = np.sqrt(np.bincount(group, pulls**2, len(edges) - 1) / np.maximum(counts, 1))
     place = edges[:-1] + 0.5 + 0.04 * (column - 2)
     ax.errorbar(place, true, true / np.sqrt(2 * np.maximum(counts, 1)), fmt="os^Dv"[column], label=name)
 ax.axhline(1, color="0.3", linewidth=0.6)
 ax.set(xlabel="G  [mag]", ylabel="true / formal error", ylim=(0, None))
-ax.legend(ncols=5)
+ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=5)
 figure.savefig("joint_errors.png", dpi=300)

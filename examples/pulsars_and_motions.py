@@ -34,7 +34,8 @@ def hellings_downs(theta):
 
 theta = np.linspace(0, np.pi, 200)[:-1]
 x = np.sin(theta / 2) ** 2
-fig, ax = plt.subplots(figsize=(6.5, 4), layout="constrained")
+plt.rcParams.update(STYLE)
+fig, ax = plt.subplots()
 ax.plot(np.degrees(theta), 2 * hellings_downs(theta), label="two pulsars")
 timing_deflection = np.sin(theta) + 3 * x * np.tan(theta / 2) * np.log(np.where(x > 0, x, 1.0))
 ax.plot(np.degrees(theta), timing_deflection, "--", label="a pulsar and a quasar")
@@ -44,8 +45,7 @@ pairs = correlation_function(waves, np.radians(np.arange(0, 181, 6.0)))
 curve = pairs.plus / np.mean(np.sum(waves.motion**2, 0))
 ax.plot(np.degrees(pairs.theta), curve, ":", label="two quasars, one sky")
 ax.axhline(0, color="0.7", lw=0.8, zorder=0)
-ax.set_xlim(0, 1.2)
-ax.set_xlabel("angle [deg]")
+ax.set(xlim=(0, 180), xticks=range(0, 181, 30), xlabel="angle between the two  [°]")
 ax.set_ylabel("correlation")
 ax.legend()
 figure_of(ax).savefig("overlap_functions.png")
@@ -86,7 +86,7 @@ densities["motions and pulsars"] = densities["motions"] * densities["pulsars"]
 # %%
 # Pulsars see a sum over as many waves as there are directions, motions the one quadrupole of our sky: their likelihood falls slowly
 # beyond its maximum, so that together they move the pulsars' towards the truth and make it no narrower.
-fig, ax = plt.subplots(figsize=(6.5, 4), layout="constrained")
+fig, ax = plt.subplots()
 for (label, density), style in zip(densities.items(), ("--", ":", "-"), strict=True):
     density = density / np.sum(density)
     low, high = np.interp([0.16, 0.84], np.cumsum(density), grid)

@@ -1,9 +1,11 @@
 """Figures of backgrounds (matplotlib)."""
 
+import re
 import textwrap
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, panels
 from vsh.tools.types import Axes, AxesArray, OnAxes
@@ -51,7 +53,7 @@ def plot_floor(floor: Any, *, ax: Axes | None = None) -> Axes:
         axes.plot(value, 0, "o", color=COLOURS[1], markersize=5, label="median")
         axes.set_title(name, loc="left")
         axes.set_xlim(-0.02 * upper, 1.15 * max(upper, value, 1e-30))
-        axes.set(xlabel=f"power of a mode  [({floor.unit})²]", yticks=[])
+        axes.set(xlabel=f"power of a mode  [({floor.unit})²]" if axes is subplots[-1] else "", yticks=[])
         axes.spines["left"].set_visible(False)
     subplots[0].legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.9))
     return subplots
@@ -59,31 +61,41 @@ def plot_floor(floor: Any, *, ax: Axes | None = None) -> Axes:
 
 @apply_style
 def plot_cross(powers: Any, *, ax: Axes | None = None) -> Axes:
-    """Projections on templates by degree, in units of their errors with the floor; degree 1 has what is looked for."""
+    """Projections on templates by degree, in their errors with the floor; degree 1 has what is looked for.
+
+    Grey are one and two errors.
+    """
     (axes,) = panels(ax, size=(WIDTH, 2.9))
     names = list(dict.fromkeys(powers.templates))
+    axes.axhspan(-1, 1, color="0.9", linewidth=0)
+    axes.axhspan(-2, 2, color="0.95", linewidth=0, zorder=0)
     for k, name in enumerate(names):
         at = np.array([template == name for template in powers.templates]) & (powers.degrees > 1)
         x = powers.degrees[at] + 0.6 * ((k + 0.5) / len(names) - 0.5)
         size = powers.values[at] / powers.errors_with_floor[at]
         colour, marker = COLOURS[k % len(COLOURS)], "os^D"[k // len(COLOURS) % 4]
-        axes.errorbar(x, size, 1.0, fmt=marker, markersize=3, color=colour, label=name)
+        axes.plot(x, size, marker, markersize=3.5, color=colour, label=name)
     axes.axhline(0, color="0.7", linewidth=0.8)
     degrees = np.arange(2, powers.degrees.max() + 1)
-    axes.set(xticks=degrees, xlabel="degree", ylabel="along the template  [errors]")
+    axes.set(xticks=degrees, xlabel="degree", ylabel="projection on the template / its error")
     legend_above(axes, 2, fontsize=6.5, columnspacing=0.8, handletextpad=0.3)
     return axes
 
 
 @apply_style
 def plot_shared(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
-    """Spin and acceleration of each class, component by component, with their errors; all together at the bottom."""
+    """Spin and acceleration of each class, component by component, with their errors; all together at the bottom.
+
+    Of one class with templates, the amplitudes of these.
+    """
     labels, solutions = list(classes.labels), classes.solutions
+    if len(classes) == 1 and classes.templates:
+        return _plot_amplitudes(classes, ax)
     if len(classes) > 1:
         labels, solutions = [*labels, "together"], [*solutions, classes.together()]
     subplots = panels(ax, 1, 2, size=(WIDTH, 1.3 + 0.36 * len(labels)))
     names = {"spin": "rotation", "acceleration": "glide"} if classes.unit == "µas" else {}
-    positions, wrapped = np.arange(len(labels)), ["\n".join(textwrap.wrap(label, 24)) for label in labels]
+    positions, wrapped = np.arange(len(labels)), [_wrap_label(label) for label in labels]
     for axes, (attribute, _) in zip(subplots, classes.parameters.values(), strict=True):
         series = {"": [solution.mean for solution in solutions]} if attribute == "mean" else {}
         vectors = [] if series else [getattr(solution, attribute) for solution in solutions]
@@ -95,5 +107,22 @@ def plot_shared(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
         axes.axvline(0, color="0.7", linewidth=0.8)
         axes.set_yticks(positions, wrapped if axes is subplots[0] else [""] * len(labels))
         axes.set(ylim=(len(labels) - 0.5, -0.5), xlabel=f"{names.get(attribute, attribute)}\n[{classes.unit}]")
-    legend_above(subplots[-1], 3)
+        axes.xaxis.set_major_locator(MaxNLocator(4, min_n_ticks=3))
+    legend_above(subplots[-1], 3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     return subplots
+
+
+def _wrap_label(label):
+    """A label of several lines, none of which ends with a sign of comparison."""
+    return "\n".join(textwrap.wrap(re.sub("([<≤≥>]) ", "\\1\u00a0", label), 24)).replace("-", "−")
+
+
+def _plot_amplitudes(classes, ax):
+    """Amplitudes of the templates, one below the other."""
+    (axes,) = panels(ax if ax is None else np.ravel(ax)[:1], size=(WIDTH, 0.9 + 0.26 * len(classes.templates)))
+    rows, errors = np.arange(len(classes.templates)), np.sqrt(np.diag(classes.amplitude_covariance))
+    axes.errorbar(classes.amplitudes, rows, xerr=errors, fmt="o", color=COLOURS[0])
+    axes.axvline(0, color="0.7", linewidth=0.8)
+    axes.set_yticks(rows, classes.templates)
+    axes.set(ylim=(len(rows) - 0.5, -0.5), xlabel=f"amplitude (rms)  [{classes.unit}]")
+    return np.array([axes], dtype=object)

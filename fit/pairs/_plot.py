@@ -5,17 +5,16 @@ from typing import Any
 import numpy as np
 
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, panels
-from vsh.tools.digits import format_with_error
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
 _PLUS, _MINUS = COLOURS[0], COLOURS[2]
-_ANGLE, _VALUE = "angle between the sources  [°]", "correlation of motions  [(µas/yr)²]"
+_ANGLE, _VALUE = "angle between the sources  [°]", "correlation  [(µas/yr)²]"
 
 
 @apply_style
 def plot_pairs(correlation: Any, fit: Any = None, *, ax: OnAxes | None = None) -> AxesArray:
     """ξ± with errors and the fitted templates above, the pairs in each bin below."""
-    axes, below = panel_axes = panels(ax, 2, 1, size=(WIDTH, 3.3), sharex=True, height_ratios=(3, 1))
+    axes, below = panel_axes = panels(ax, 2, 1, size=(WIDTH, 3.6), sharex=True, height_ratios=(3, 1))
     degrees = np.degrees(correlation.theta)
     step = 0.12 * np.min(np.diff(degrees)) if len(degrees) > 1 else 0.0
     for values, sigma, side, marker, colour, label in (
@@ -25,19 +24,23 @@ def plot_pairs(correlation: Any, fit: Any = None, *, ax: OnAxes | None = None) -
         error = sigma if np.isfinite(sigma).any() else None
         axes.errorbar(degrees + side, values, error, fmt=marker, markersize=3, color=colour, label=label)
     if fit is not None:
-        for curve, colour in zip(fit.curves, (_PLUS, _MINUS), strict=True):
-            axes.plot(degrees, curve, color=colour, alpha=0.8)
-        for name, value, error in zip(fit.names, fit.values, fit.sigma, strict=True):
-            label = f"{name} {format_with_error(value, error)}".replace("-", "−")
-            axes.plot([], [], " ", label=label)
+        for curve, colour, label in zip(fit.curves, (_PLUS, _MINUS), ("fit of ξ₊", "fit of ξ₋"), strict=True):
+            axes.plot(degrees, curve, color=colour, alpha=0.8, label=label)
     axes.axhline(0, color="0.6", linewidth=0.6)
     axes.set_ylabel(_VALUE)
-    legend_above(axes, 2)
+    legend_above(axes, 4)
+    if correlation.edges[-1] > np.pi / 2:
+        axes.set_xticks(range(0, 181, 30))
+    power = 3 * int(np.log10(max(correlation.n_pairs.max(), 1)) // 3)
     width = np.diff(np.degrees(correlation.edges))
     below.bar(
-        degrees, np.maximum(correlation.n_pairs, 0), (width[:-1] + width[1:]) / 2, color="0.75", edgecolor="white"
+        degrees,
+        np.maximum(correlation.n_pairs, 0) / 10.0**power,
+        (width[:-1] + width[1:]) / 2,
+        color="0.75",
+        edgecolor="white",
     )
-    below.set(xlabel=_ANGLE, ylabel="pairs")
+    below.set(xlabel=_ANGLE, ylabel=f"pairs\n[$10^{power}$]" if power else "pairs")
     return panel_axes
 
 

@@ -5,11 +5,13 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from fit.posterior._priors import UNITS
 from fit.posterior._sampling import Normal
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, figure_of, panels
 from vsh.io.quantities import symbol
+from vsh.sky.frames import title_of
 from vsh.tools.digits import decimals_of_error
 from vsh.tools.errors import ParameterError
 from vsh.tools.printing import import_quietly
@@ -77,8 +79,12 @@ def plot_corner(
     subplots = np.array(figure.axes[-k * k :], dtype=object).reshape(k, k)
     for axes, name, values in zip(subplots.diagonal(), quantities, data.T, strict=True):
         axes.set_title(f"{symbol(name)} = {_format_median(values)}", fontsize=7)
+    for axes in subplots[np.tril_indices(k)]:  # the end ticks of two neighbours would touch
+        axes.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
+    for axes in subplots[np.tril_indices(k, -1)]:
+        axes.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
     _draw_prior(subplots, posterior, quantities)
-    figure.suptitle(f"{posterior.frame} axes, velocity toward the apex", x=0.98, ha="right")
+    figure.suptitle(f"{title_of(posterior.frame)} axes, velocity toward the apex", x=0.98, ha="right")
     return subplots
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, figure_of, legend_above, panels, set_log_ticks
 from vsh.models.cosmology import FLOW_LIMIT, transverse_distance, velocity_in_frame
+from vsh.sky.frames import title_of
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, AxesArray, OnAxes
 from vsh.tools.units import AU_PER_YEAR
@@ -34,7 +35,9 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: OnAx
         )
         amplitude.errorbar(z, *sizes, xerr=across, fmt="s", color="0.25", label="as fitted")
         debiased = [v.debiased_amplitude for v in vectors]
-        amplitude.plot(z, debiased, "_", color=COLOURS[3], ms=8, mew=1.5, label="noise-debiased", clip_on=False)
+        amplitude.plot(
+            z, debiased, "D", color="0.5", mfc="w", ms=3.5, mew=0.8, label="noise-debiased", zorder=4, clip_on=False
+        )
         amplitude.set(ylabel=f"|{symbol}|  [µas/yr]", ylim=(0, None))
     if velocity is not None:
         _draw_prediction(binned, velocity, axes_array[:2])
@@ -47,7 +50,9 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: OnAx
             lower = max(edges[0], z.min() / 20)  # a first bin from next to nothing would take half the axis
             axes.set_xlim(lower / 1.2, edges[-1] * 1.2)
             set_log_ticks(axes.xaxis, lower, edges[-1])
-    figure_of(axes_array).suptitle(f"{binned.counts.sum()} sources in {len(binned)} bins; {binned.frame} axes")
+    figure_of(axes_array).suptitle(
+        f"{binned.counts.sum()} sources in {len(binned)} bins; {title_of(binned.frame)} axes"
+    )
     return axes_array
 
 

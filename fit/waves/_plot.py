@@ -24,7 +24,15 @@ def plot_search(search: Any, *, ax: OnAxes | None = None) -> AxesArray:
         (1, search.limits, f"95 % limit on its amplitude  [{search.unit}]", "cividis", None),
     ):
         subplots[row] = plot_map(values, label, frame=search.frame, cmap=cmap, title=title, ax=subplots[row])
-        draw_points(subplots[row], *np.radians(search.direction), marker="+", s=60, color=COLOURS[1])
+        draw_points(
+            subplots[row],
+            *np.radians(search.direction),
+            marker="+",
+            s=60,
+            color=COLOURS[1],
+            label="likeliest direction",
+        )
+    legend_above(subplots[1])
     return subplots
 
 
@@ -33,12 +41,18 @@ def plot_spectrum(spectrum: Any, *, ax: Axes | None = None) -> Axes:
     """The strain that a wave can have, with 95 %, against its frequency: median and range over directions."""
     (axes,) = panels(ax, size=(WIDTH, 3.0))
     order = np.argsort(spectrum.frequencies)
-    f, limits = spectrum.frequencies[order], spectrum.strain_limits[order]
-    axes.fill_between(f, limits[:, 0], limits[:, 2], color=COLOURS[0], alpha=0.25, lw=0, label="range over directions")
-    axes.plot(
-        f, limits[:, 1], "o-" if len(f) < 60 else "-", ms=3, color=COLOURS[0], label="95 % limit, median direction"
-    )
-    axes.set(yscale="log", xlabel="frequency  [1/yr]", ylabel="strain")
+    f, limits = spectrum.frequencies[order], 1e9 * spectrum.strain_limits[order]
+    is_dense = len(f) > 2  # two frequencies say nothing of what lies between
+    label = "range of directions"
+    if is_dense:
+        axes.fill_between(f, limits[:, 0], limits[:, 2], color=COLOURS[0], alpha=0.25, lw=0, label=label)
+    else:
+        axes.vlines(f, limits[:, 0], limits[:, 2], color=COLOURS[0], label=label)
+    style = "o" if not is_dense else "o-" if len(f) < 60 else "-"
+    axes.plot(f, limits[:, 1], style, ms=3, color=COLOURS[0], label="median direction")
+    axes.set(yscale="log", xlabel="frequency  [1/yr]", ylabel="95 % limit on the strain  [10⁻⁹]")
+    axes.margins(y=0.1)
+    set_log_ticks(axes.yaxis, *axes.get_ylim())
     if f[-1] > 5 * f[0]:
         axes.set_xscale("log")
         set_log_ticks(axes.xaxis, f[0], f[-1])

@@ -9,7 +9,7 @@ from vsh.tools.types import AxesArray, OnAxes
 
 #: What each panel shows: its label, and quantities with what they are.
 _SHOWN = (
-    ("acceleration  [µas/yr]", {"acceleration": "noise alone", "acceleration_floor": "with the systematic floor"}),
+    ("ã  [µas/yr]", {"acceleration": "noise alone", "acceleration_floor": "with the systematic floor"}),
     ("$H_0$  [km/s/Mpc]", {"hubble": "noise alone", "hubble_flows": "flows fitted"}),
 )
 
@@ -17,19 +17,18 @@ _SHOWN = (
 @apply_style
 def plot_forecast(forecast: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Errors of the acceleration and of H0 by survey: of noise alone, and with what nature adds."""
-    axes_array = panels(ax, 1, 2, size=(WIDTH, 2.7))
     names = list(forecast.surveys)
+    axes_array = panels(ax, 1, 2, size=(WIDTH, 1.1 + 0.3 * len(names)), sharey=True)
+    rows = np.arange(len(names))
     for axes, (label, quantities) in zip(axes_array, _SHOWN, strict=True):
         for k, (quantity, description) in enumerate(quantities.items()):
             values = np.array([forecast.values[survey][quantity] for survey in names])
-            positions = np.arange(len(names)) + 0.16 * (k - 0.5)
-            axes.plot(positions, values, "os"[k], color=COLOURS[k], markersize=4, label=description)
-        axes.set_yscale("log")
-        axes.margins(y=0.15)
-        set_log_ticks(axes.yaxis, *axes.get_ylim())
-        axes.set_xlim(-0.5, len(names) - 0.5)
+            axes.plot(values, rows + 0.16 * (k - 0.5), "os"[k], color=COLOURS[k], markersize=4, label=description)
+        axes.set_xscale("log")
+        axes.margins(x=0.15)
+        set_log_ticks(axes.xaxis, *axes.get_xlim())
         axes.grid(axis="y", color="0.9", linewidth=0.4)
-        axes.set_xticks(range(len(names)), names, rotation=90)
-        axes.set_ylabel(f"standard error of {label}")
+        axes.set(ylim=(len(names) - 0.5, -0.5), xlabel=f"error of {label}")
+        axes.set_yticks(rows, names)
         legend_above(axes, 1)
     return axes_array

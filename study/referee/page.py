@@ -37,9 +37,9 @@ def plot_accelerations(sections: Sequence[Analysis], *, ax: Axes | None = None) 
         rows = {row.quantity[:3]: row for row in section.rows if row.quantity.startswith("g_")}
         if len(rows) == 3:
             citation = section.paper.citation
-            for of, label in (("published", citation), ("theirs", f"here, method of {citation}")):
+            for of, label in (("published", citation), ("theirs", f"{citation}, here")):
                 lines.append((label, [getattr(rows[f"g_{axis}"], of) for axis in "xyz"]))
-            recommended_lines = [("here, recommended fit", [rows[f"g_{axis}"].shared for axis in "xyz"])]
+            recommended_lines = [("recommended fit", [rows[f"g_{axis}"].shared for axis in "xyz"])]
     lines += recommended_lines
     y = -np.arange(len(lines))
     for k, (axis, colour) in enumerate(zip("xyz", COLOURS, strict=False)):

@@ -34,6 +34,11 @@ MEASURED_KEY = "MEASURED"
 ANGLES = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}
 
 
+def title_of(frame: str) -> str:
+    """Name of a frame as it is written in figures and papers."""
+    return frame.upper() if frame == "icrs" else frame
+
+
 def check_frame(name: str) -> str:
     """Return `name` if it is a known frame; raise FrameError otherwise."""
     if not isinstance(name, str) or name not in FRAMES:

@@ -32,7 +32,7 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
         rug = {"color": "0.4", "ms": 6, "transform": axes.get_xaxis_transform(), "label": "sources"}
         axes.plot(magnitudes, np.full(magnitudes.size, 0.02), "|", **rug)
         unit = "µas" if vector == "orientation" else "µas/yr"
-        axes.set(xlabel="magnitude  [mag]", ylabel=f"{vector} ± error  [{unit}]")
+        axes.set(xlabel="magnitude  [mag]", ylabel=f"{vector}  [{unit}]")
     legend_above(panel_axes[0], 4)
     axes = panel_axes[len(vectors)]
     influence = np.abs(solution.influence).max(1)
@@ -41,14 +41,14 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
         axes.scatter(solution.distances[selection], influence[selection], color=tint, marker=marker, s=14, label=label)
     axes.legend(fontsize="x-small", loc="best")
     # Those of most influence may stand side by side: each name has a corner of its own.
-    for i, (offset, side) in zip(np.argsort(-influence), (((4, 3), "left"), ((4, -9), "left"), ((-4, 3), "right"))):
+    for i, (offset, side) in zip(np.argsort(-influence), (((8, 8), "left"), ((-8, 8), "right"), ((8, -12), "left"))):
         axes.annotate(
             solution.sources[i], (solution.distances[i], influence[i]), textcoords="offset points", xytext=offset,
-            ha=side, fontsize="x-small",
+            ha=side, fontsize="x-small", arrowprops={"arrowstyle": "-", "color": "0.6", "linewidth": 0.4},
         )  # fmt: skip
     axes.set(xscale="log", xlabel="√χ² per difference of a source, by its formal errors")
     set_log_ticks(axes.xaxis, *axes.get_xlim())
-    axes.set_ylabel("change of the result without it  [σ]")
+    axes.set_ylabel("change without it  [σ]")
     return panel_axes
 
 

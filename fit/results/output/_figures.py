@@ -18,6 +18,7 @@ from vsh.figures.plot import (
     DIVERGING,
     KIND_COLOURS,
     KIND_NAMES,
+    NAMED,
     WIDTH,
     apply_style,
     colour_bar,
@@ -33,7 +34,9 @@ from vsh.io.parts import Parts, as_parts
 from vsh.io.quantities import symbol
 from vsh.modes import KINDS
 from vsh.scalars import ScalarField
+from vsh.sky.frames import title_of
 from vsh.sky.pixels import pixels_of
+from vsh.tools.digits import format_with_error
 from vsh.tools.types import Axes, FloatArray
 from vsh.vector import correlation_of
 
@@ -71,9 +74,10 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     (axes,) = panels(ax, size=(WIDTH, 2.7))
     rows = spectrum(solution)
     levels, handles, has_limits = [], [], False
-    for kind, side in zip(solution.modes.kinds, (-1, 1), strict=False):
+    sides = (-1, 1) if len(solution.modes.kinds) > 1 else (0,)
+    for kind, side in zip(solution.modes.kinds, sides, strict=True):
         colour, marker = KIND_COLOURS[kind], "o" if kind == "T" else "s"
-        kind_rows = [row for row in rows if row.kind == kind]
+        kind_rows = [row for row in rows if row.kind == kind and row.l]  # the mean would hide all other degrees
         l = np.array([row.l for row in kind_rows]) + side * 0.09
         power, error, noise, p = (
             np.array([getattr(row, x) for row in kind_rows], float) for x in ("power", "error", "noise", "p_value")
@@ -85,7 +89,7 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
         limit = np.array([row.limit() for row, has_limit in zip(kind_rows, limit_mask, strict=True) if has_limit])
         arrows: Any = {"uplims": True, "fmt": "none", "capsize": 2.5, "elinewidth": 0.8}
         axes.errorbar(l[limit_mask], limit, 0.45 * limit, color=colour, **arrows)
-        axes.hlines(noise, l - 0.085, l + 0.085, color=colour, linestyle=":")
+        axes.hlines(noise, l - 0.085, l + 0.085, color=colour, linestyle=":", zorder=3)
         look: Any = (
             {"marker": marker, "linestyle": "none"} if is_finite.any() else {"linestyle": ":"}
         )  # of errors to come
@@ -93,7 +97,7 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
         has_limits = has_limits or bool(limit_mask.any())
         levels += [*power[signal], *(power + error)[signal], *limit, *(0.5 * limit), *noise]
     if solution.floor is not None and solution.includes_floor:
-        levels += _draw_floor(axes, solution.floor, handles)
+        _draw_floor(axes, solution.floor, handles)
     # An error as large as the power has no lower end on a logarithmic axis: its bar runs out of it.
     axes.set_yscale("log", nonpositive="clip")
     positive_levels = np.array(levels)[np.isfinite(levels) & (np.array(levels) > 0)]
@@ -101,28 +105,28 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     axes.set_ylim(reach)
     set_log_ticks(axes.yaxis, *reach)
     if solution.modes.lmax <= 12:
-        axes.set_xticks(np.unique([row.l for row in rows]))
+        axes.set_xticks(np.unique([row.l for row in rows if row.l]))
     axes.set(xlabel="degree", ylabel=f"power  {unit_squared(solution)}")
     roots = axes.secondary_yaxis("right", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
     roots.set_ylabel(f"√power  [{solution.unit}]" if solution.unit else "√power")
     set_log_ticks(roots.yaxis, *np.sqrt(reach))
     if has_limits:
-        handles.append(Line2D([], [], color="0.3", marker=r"$\downarrow$", linestyle="none", label="95 % limit"))
+        handles.append(Line2D([], [], color="0.3", marker="v", markersize=3, linestyle="none", label="95 % limit"))
     handles.append(Line2D([], [], color="0.3", linestyle=":", label="noise alone"))
-    legend_above(axes, 2, handles=handles)
+    mean = None
+    if solution.modes.lowest == 0:
+        mean = f"mean {format_with_error(*solution.mean, '+')} {solution.unit}".replace("-", "−")
+    legend_above(axes, 4 if mean else 3, handles=handles, title=mean, alignment="left")
     return axes
 
 
 def _draw_floor(axes, floor, handles):
-    """The floor of low degrees, the likeliest 68 % of their power, as bands at their sides; and its levels."""
-    levels = []
+    """The floor of low degrees, the likeliest 68 % of their power, as bands at their sides."""
     for kind, l, lower, upper in floor.bands:
         middle = l + (0.3 if kind == "S" else -0.3)
         axes.fill_between([middle - 0.08, middle + 0.08], max(lower, upper / 30), upper, alpha=0.35,
                           color=KIND_COLOURS[kind], linewidth=0)  # fmt: skip
-        levels += [max(lower, upper / 30), upper]
     handles.append(Patch(color="0.6", alpha=0.6, linewidth=0, label="floor, 68 %"))
-    return levels
 
 
 @apply_style
@@ -139,13 +143,12 @@ def plot_correlation(solution: Any, *, ax: Axes | None = None) -> Axes:
     (axes,) = panels(ax, size=(WIDTH, 3.7))
     if hasattr(solution, "coefficients"):
         names, matrix, groups = _vector_correlations(solution)
-        title = (
-            "; ".join(f"{kind}: {KIND_NAMES[kind]}" for kind in solution.modes.kinds) if solution.modes.lmax > 1 else ""
-        )
-        axes.set_title(f"{f'{title}; ' if title else ''}{solution.frame} axes")
+        kinds = [f"{k if len(names) > NAMED else k.lower()}: {KIND_NAMES[k]}" for k in solution.modes.kinds]
+        title = "; ".join([*kinds * (solution.modes.lmax > 1), f"{title_of(solution.frame)} axes"])
+        axes.set_title(title)
     else:
         names, matrix, groups = [symbol(name) for name in solution.names], solution.correlation, None
-        axes.set_title(f"{solution.frame} axes")
+        axes.set_title(f"{title_of(solution.frame)} axes")
     colour_bar(axes, draw_matrix(axes, matrix, names, groups), "correlation")
     return axes
 
@@ -220,7 +223,7 @@ def plot_residuals(
     reach = float(np.clip(np.percentile(np.abs(finite_deviates), 98), 3, None)) if finite_deviates.size else 3.0
     suffix = " by the errors of the robust fit" if weights is not None else " by the catalogue's errors"
     suffix = "" if weights is None and solution.error_source == ErrorSource.CATALOGUE else suffix
-    label = f"χ² of residuals{suffix}:\ntoo large or too small, in σ; χ²/n = {chi2.sum() / max(1, dof.sum()):.2f}"
+    label = f"normal deviate of χ² in a pixel{suffix}\n[σ]; χ²/n = {chi2.sum() / max(1, dof.sum()):.2f} over the sky"
     title = f"residuals of {int(sources.sum())} sources, pixels of {58.6 / nside:.1f}°"
     return plot_map(
         deviate, label, frame=solution.frame, cmap=DIVERGING, title=title, ax=ax, vmin=-reach, vmax=reach, extend="both"

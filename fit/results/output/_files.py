@@ -21,7 +21,7 @@ from vsh.io import tables
 from vsh.io.parts import Parts, sample_of
 from vsh.io.sections import Answer
 from vsh.scalars import ScalarField
-from vsh.sky.frames import AXES
+from vsh.sky.frames import AXES, title_of
 from vsh.tools.arguments import choice
 from vsh.tools.digits import decimals_of_error, format_with_error, printed_p_value
 from vsh.tools.printing import latex_text
@@ -102,10 +102,10 @@ def _caption(solution, answer):
     """Caption: what was fitted to what, and the answer where the vectors have one."""
     names = ["mean"] * is_scalar(solution) + list(reversed(vectors_of(solution)))
     subject = " and ".join(names).capitalize()
-    frame = "ICRS" if solution.frame == "icrs" else solution.frame
     facts = [
-        f"{subject} of {solution.n_sources} {'sources' if solution.unit else 'values'}, {frame} axes, "
-        f"degrees {solution.modes.lowest} to {solution.modes.lmax}, χ²/dof = {solution.reduced_chi2:.3f}"
+        f"{subject} of {solution.n_sources} {'sources' if solution.unit else 'values'}, "
+        f"{title_of(solution.frame)} axes, degrees {solution.modes.lowest} to {solution.modes.lmax}, "
+        f"χ²/dof = {solution.reduced_chi2:.3f}"
     ]
     facts += [f"{label.capitalize() if label.islower() else label}: {text}" for label, text in answer.lines]
     return " ".join(f"{latex_text(fact)}." for fact in facts)

@@ -25,9 +25,9 @@ from vsh.figures.plot import (
     LONGEST,
     SURE,
     allow_many_figures,
+    chance_of,
     close_figures,
     even_grid,
-    is_detected,
     picture_of,
     plot_field,
 )
@@ -37,6 +37,7 @@ from vsh.sky.frames import ANGLES
 from vsh.tools.errors import ParameterError
 from vsh.tools.files import atomic_write
 from vsh.tools.types import FloatArray, PathName
+from vsh.vector import SEEN
 
 
 class Panel(NamedTuple):
@@ -352,7 +353,7 @@ def _sky_data(solution):
         "fitted": modes.lmax,
         "sent": int(order.size),
         "names": names,
-        "seen": is_detected(solution.coefficients.values, np.asarray(solution.covariance)),
+        "seen": chance_of(solution.coefficients.values, np.asarray(solution.covariance)) < SEEN,
         "sources": {
             "lon": _encode_floats(np.degrees(field.lon[order])),
             "lat": _encode_floats(np.degrees(field.lat[order])),

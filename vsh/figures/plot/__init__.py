@@ -5,15 +5,16 @@ from vsh.figures.plot._field import (
     LONGEST,
     SURE,
     arrow_grid,
+    chance_of,
     draw_key,
     draw_vectors,
     even_grid,
-    is_detected,
     plot_field,
     plot_scalar_field,
     plot_sources,
 )
 from vsh.figures.plot._sky_axes import (
+    NAMED,
     PROJECTIONS,
     SkyAxes,
     draw_direction,

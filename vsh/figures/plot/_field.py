@@ -226,15 +226,15 @@ def significance_of(motion: FloatArray, basis: FloatArray, covariance: FloatArra
         return np.asarray(np.sqrt((east**2 * b - 2 * east * north * c + north**2 * a) / (a * b - c**2)))
 
 
-def is_detected(values: FloatArray, covariance: FloatArray) -> bool:
-    """Return whether noise alone gives such coefficients in less than 0.27 % of skies."""
+def chance_of(values: FloatArray, covariance: FloatArray) -> float:
+    """Probability that noise alone gives such coefficients or larger ones; 1 where the covariance is not known."""
     if not np.isfinite(covariance).all():
-        return False
+        return 1.0
     # A covariance from few draws is singular: what they did not vary is not asked about.
     variances, axes = np.linalg.eigh(covariance)
     varied = variances > 1e-12 * variances[-1]
     chi2 = np.sum((values @ axes)[varied] ** 2 / variances[varied])
-    return bool(chdtrc(varied.sum(), chi2) < SEEN)
+    return float(chdtrc(varied.sum(), chi2))
 
 
 @apply_style
@@ -283,15 +283,17 @@ def plot_field(
     modes = coefficients.modes
     if covariance is not None and np.shape(covariance) != (len(modes), len(modes)):
         raise ParameterError(f"covariance has shape {np.shape(covariance)}, the coefficients are {len(modes)}")
-    axes = sky_axes(frame if field is None else field.frame, ax, projection=projection, centre=centre, below=1.0)
+    is_known = covariance is not None and bool(np.isfinite(covariance).all())
+    chance = chance_of(coefficients.values, np.asarray(covariance)) if is_known else 0.0
+    is_noise = chance >= SEEN
+    below = 0.95 if covariance is not None and not is_noise else 0.5
+    axes = sky_axes(frame if field is None else field.frame, ax, projection=projection, centre=centre, below=below)
     hatching = _draw_where_sources_are(axes, field)
     lon, lat = arrow_grid(axes)
     motion = coefficients.at(lon, lat)
     colour: Any = COLOURS[0]
-    is_known = covariance is not None and bool(np.isfinite(covariance).all())
-    is_noise = is_known and not is_detected(coefficients.values, np.asarray(covariance))
     if is_noise:
-        colour = "0.7"
+        colour = _NOISE
     elif is_known:
         basis = harmonics(lon, lat, modes)
         significance = significance_of(motion, basis, np.asarray(covariance))
@@ -305,7 +307,8 @@ def plot_field(
     if hatching is not None:
         handles.append(Patch(facecolor="none", edgecolor="0.55", hatch="//////", linewidth=0.0, label="no sources"))
     if is_noise:
-        handles.append(Patch(facecolor="0.7", linewidth=0.0, label="not detected"))
+        label = f"arrows: noise, p = {chance:.2g}"
+        handles.append(Patch(facecolor=_NOISE, linewidth=0.0, label=label))
     if handles:
         axes.legend(
             handles=handles,
@@ -360,6 +363,10 @@ def plot_sources(field: Field, *, n_arrows: int = 300, ax: Axes | None = None) -
     return axes
 
 
+#: Arrows of a field that noise alone would give.
+_NOISE = "0.45"
+
+
 def _significance_colours():
     steps = np.linspace(0, 1, 256)
     colours = mpl.colormaps[SIGNIFICANCE](steps)
@@ -409,7 +416,7 @@ def plot_scalar_field(
     middle = float(np.median(values))
     reach = float(np.abs(values - middle).max()) or 1.0
     unit, frame = (unit, frame) if field is None else (field.unit, field.frame)
-    label = f"the field as fitted{f'  [{unit}]' if unit else ''}"
+    label = f"value, as fitted{f'  [{unit}]' if unit else ''}"
     axes = plot_map(
         values, label, frame=frame, cmap=DIVERGING, title=title, ax=ax, vmin=middle - reach, vmax=middle + reach
     )

@@ -13,7 +13,7 @@ from matplotlib.patheffects import withStroke
 from scipy.spatial import cKDTree
 
 from vsh.figures.plot._style import DIVERGING, SEQUENTIAL, WIDTH, apply_style, colour_bar
-from vsh.sky.frames import ANGLES, check_frame
+from vsh.sky.frames import ANGLES, check_frame, title_of
 from vsh.sky.pixels import pixels_of
 from vsh.sky.sphere import angles, triad
 from vsh.tools.arguments import choice, in_unit
@@ -36,6 +36,10 @@ _WIDE = 1000
 _POINT = _WIDE / (WIDTH * 72)
 _SIZE = 6.0
 HALO = [withStroke(linewidth=1.6, foreground="white")]
+
+
+#: Look of the numbers of the graticule: over dots, under arrows, cones and stars.
+_LABEL: Any = {"fontsize": _SIZE, "color": "0.25", "zorder": 3, "gid": "graticule"}
 
 
 class SkyAxes(WCSAxes):
@@ -176,7 +180,7 @@ def sky_axes(
     axes.coords.frame.set_linewidth(0.6)
     _draw_graticule(axes)
     names = ANGLES[frame]
-    label = f"{'ICRS' if frame == 'icrs' else frame}: {names[0]} ←, {names[1]} ↑"
+    label = f"{title_of(frame)}: {names[0]} ←, {names[1]} ↑"
     axes.text(1.0, 0.0, label, transform=axes.transAxes, ha="right", va="bottom", fontsize=_SIZE, color="0.35")
     return axes
 
@@ -230,7 +234,14 @@ def _draw_graticule(axes):
     if not axes.is_whole and abs(axes.centre[1]) >= 60:
         at = np.copysign(20.0 if axes.projection_name == "polar" else 42.0, axes.centre[1])
     labels = [(lon, at, f"{lon}°") for lon in range(0, 360, 60)]
-    labels += [(axes.centre[0], lat, f"{lat:+d}°".replace("-", "−")) for lat in (30, -30, 60, -60)]
+    has_even_rim = axes.is_whole and abs(axes.centre[1]) < 1e-3
+    for lat in (30, -30, 60, -60):
+        text = f"{lat:+d}°".replace("-", "−")
+        if has_even_rim:  # beside the map, where they hide nothing
+            (x, y), _ = axes.project(np.radians(axes.centre[0] + 179.999), np.radians(lat))
+            axes.text(x - 0.6 * _POINT * _SIZE, y, text, ha="right", va="center", **_LABEL | {"gid": "rim"})
+        else:
+            labels.append((axes.centre[0], lat, text))
     boxes: list[tuple[float, float, float]] = []
     xy, native = axes.project(*np.radians([[lon, lat] for lon, lat, _ in labels]).T)
     for (x, y), from_middle, (_, _, text) in zip(xy, native, labels, strict=True):
@@ -241,18 +252,7 @@ def _draw_graticule(axes):
         if any(abs(x - at) < half + box_half and abs(y - up) < 1.2 * _SIZE * _POINT for at, up, box_half in boxes):
             continue
         boxes.append((x, y, half))
-        axes.text(
-            x,
-            y,
-            text,
-            ha="center",
-            va="center",
-            fontsize=_SIZE,
-            color="0.25",
-            bbox={"boxstyle": "square,pad=0.05", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
-            zorder=9,
-            gid="graticule",
-        )
+        axes.text(x, y, text, ha="center", va="center", path_effects=HALO, **_LABEL)
 
 
 def _inside(axes, x, y, half):
@@ -286,7 +286,7 @@ def draw_sources(axes: SkyAxes, lon: FloatArray, lat: FloatArray, *, max_sources
     n = max(1, len(lon) // step)
     thin = {"s": float(np.clip(400 / n, 0.25, 2.0)), "alpha": float(np.clip(4000 / n, 0.3, 0.85))}
     # In a PDF thousands of dots are a picture, and text and arrows stay lines.
-    style = {"color": "0.55", "linewidths": 0, "zorder": 2, "rasterized": n > 2000} | thin | style
+    style = {"color": "0.62", "linewidths": 0, "zorder": 2, "rasterized": n > 2000} | thin | style
     return axes.scatter(*axes.project(lon[::step], lat[::step])[0].T, **style)
 
 
@@ -345,7 +345,7 @@ def draw_direction(
 
 
 #: So many rows have a name each, and so many a number in each cell.
-NAMED, NUMBERED = 30, 8
+NAMED, NUMBERED = 20, 8
 
 
 def draw_matrix(axes: Axes, matrix: FloatArray, names: Sequence[str], groups: Sequence[str] | None = None) -> Any:
@@ -386,7 +386,7 @@ def draw_matrix(axes: Axes, matrix: FloatArray, names: Sequence[str], groups: Se
                 axes.text(
                     column,
                     row,
-                    f"{value:+.2f}".replace("-", "−"),
+                    "0.00" if abs(value) < 0.005 else f"{value:+.2f}".replace("-", "−"),
                     ha="center",
                     va="center",
                     fontsize=6.5,

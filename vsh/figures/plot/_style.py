@@ -50,6 +50,7 @@ STYLE: Any = {
     "ytick.minor.width": 0.4,
     "axes.spines.top": False,
     "axes.spines.right": False,
+    "axes.prop_cycle": plt.cycler(color=COLOURS),
     "lines.linewidth": 1.0,
     "lines.markersize": 3.5,
     "errorbar.capsize": 1.5,
@@ -112,7 +113,7 @@ def colour_bar(axes: Axes, image: Any, label: str, **how: Any) -> Any:
     bar = axes.figure.colorbar(image, ax=axes, **options)
     bar.set_label(label)
     if "ticks" not in how:
-        bar.locator = MaxNLocator(5)  # so that no two numbers touch
+        bar.locator = MaxNLocator(5, steps=[1, 2, 5, 10])  # so that no two numbers touch
         bar.update_ticks()
     bar.outline.set_linewidth(0.4)
     return bar
@@ -133,9 +134,14 @@ def set_log_ticks(axis: Any, low: float, high: float) -> None:
 
 
 def legend_above(axes: Axes, columns: int = 4, **options: Any) -> Any:
-    """A legend over axes, where it hides no point."""
-    options = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.1, "ncols": columns} | options
-    return axes.legend(**options)
+    """A legend over axes, where it hides no point, of as many columns as there is room for."""
+    where = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.1}
+    legend = axes.legend(**where | {"ncols": columns} | options)
+    place = axes.get_subplotspec()
+    share = 1.0 if place is None else len(place.colspan) / place.get_gridspec().ncols
+    if columns > 1 and legend.get_window_extent().width > 0.84 * share * axes.figure.bbox.width:
+        return legend_above(axes, columns - 1, **options)
+    return legend
 
 
 FORMATS = ("png", "pdf", "svg")

@@ -31,14 +31,22 @@ def test_labels_lie_on_the_map_and_not_on_each_other(projection, centre):
     figure = axes.figure
     assert figure.get_size_inches()[0] == pytest.approx(9 / 2.54, abs=0.01)
     figure.canvas.draw()
-    boxes = [text.get_window_extent() for text in axes.texts if text.get_gid() == "graticule"]
+    boxes, beside = (
+        [text.get_window_extent() for text in axes.texts if text.get_gid() == gid] for gid in ("graticule", "rim")
+    )
     assert len(boxes) >= 3
-    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+    assert len(beside) == (4 if axes.is_whole and centre[1] == 0 else 0)
+    every = [*boxes, *beside]
+    assert not any(a.overlaps(b) for i, a in enumerate(every) for b in every[:i])
     (x0, y0), (x1, y1) = axes.transData.transform([(-0.5, -0.5), np.array(axes.wcs.array_shape)[::-1] - 0.5])
     for box in boxes:
         for x in (box.x0, box.x1):
             across = (2 * x - x0 - x1) / (x1 - x0), (box.y0 + box.y1 - y0 - y1) / (y1 - y0)
             assert np.hypot(*across) < 1
+    for box in beside:
+        across = (2 * box.x1 - x0 - x1) / (x1 - x0), (box.y0 + box.y1 - y0 - y1) / (y1 - y0)
+        assert np.hypot(*across) > 1
+        assert box.x0 > 0
 
 
 def test_east_is_to_the_left_and_the_centre_in_the_middle():
