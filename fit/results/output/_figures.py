@@ -115,7 +115,8 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     handles.append(Line2D([], [], color="0.3", linestyle=":", label="noise alone"))
     mean = None
     if solution.modes.lowest == 0:
-        mean = f"mean {format_with_error(*solution.mean, '+')} {solution.unit}".replace("-", "−")
+        value, error = solution.mean
+        mean = f"mean {format_with_error(value, error, '+')} {solution.unit}".replace("-", "−")
     legend_above(axes, 4 if mean else 3, handles=handles, title=mean, alignment="left")
     return axes
 
