@@ -295,6 +295,8 @@ def _write_page(comparison, differences, options, figures, meta, path):
 def _has_motions(path, options):
     try:
         names = vsh.io.tables.open_table(path, options.input_format).names
+        if vsh.io.catalogue.has_epochs(names):
+            return True
         columns, _ = vsh.io.catalogue.as_columns(options.columns).choose_names(names)
         return {columns.pmra, columns.pmdec} <= set(names)
     except TableError:  # ICRF's fixed columns, or columns of positions

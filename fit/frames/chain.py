@@ -362,6 +362,11 @@ def combine_frames(
             "catalogues are in different frames "
             f"({', '.join(sorted({catalogue.frame for catalogue in catalogue_list}))}): use to_frame"
         )
+    joined = [label for label, each in catalogues.items() if getattr(each, "covariance", None) is not None]
+    if joined:
+        raise ParameterError(
+            f"{', '.join(joined)}: a joint solution does not use a covariance between sources: compare two catalogues"
+        )
     sky = _CommonSources(labels, catalogue_list)
     has_floor = sky.n >= MANY if floor is None else floor
     # What is shared over the sky is neither noise nor an outlier.

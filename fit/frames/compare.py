@@ -516,8 +516,15 @@ def compare_catalogues(
     fitted = differences[selection]
     sources = [_with_own_errors(each, indices[selection], fitted) for each, indices in ((a, pairs.a), (b, pairs.b))]
     shared_errors = [getattr(each, "covariance", None) is not None for each in (a, b)]
-    if method == "least-squares" and any(shared_errors):
-        formal = _solve_with_covariances((a[pairs.a[selection]], b[pairs.b[selection]]), sources, fitted, modes)
+    covariance = None
+    if any(shared_errors):
+        if method != "least-squares":
+            raise ParameterError(
+                f"{method} weighs sources one by one, and {labels[shared_errors.index(True)]} has a covariance between "
+                'them: least squares uses it, method="least-squares" (--method least-squares)'
+            )
+        covariance = _covariance_of((a[pairs.a[selection]], b[pairs.b[selection]]), sources)
+        formal = _solve_with_covariance(fitted, modes, covariance)
     estimate = _solve_by_method(fitted, modes, method, replicates, rng) or formal
     notes = list(estimate.notes)
     if (scatter > 1.2).any():
@@ -550,16 +557,21 @@ def compare_catalogues(
         method="" if method == "least-squares" else method,
         n_same=n_same,
     )
-    return _add_floor(comparison, fitted, floor, replicates, rng), fitted
+    return _add_floor(comparison, fitted, floor, replicates, rng, covariance), fitted
 
 
-def _solve_with_covariances(catalogues, sources, fitted, modes):
-    """The fit with what sources have in common in one catalogue or both; larger errors where χ² asks for them."""
+def _covariance_of(catalogues, sources):
+    """Covariance of the differences, with what sources have in common in one catalogue or both."""
     parts = [
         of_errors(own) if getattr(each, "covariance", None) is None else Covariance(each.covariance)
         for each, own in zip(catalogues, sources, strict=True)
     ]
-    solution = fit_field(fitted, modes, covariance=parts[0] + parts[1])
+    return parts[0] + parts[1]
+
+
+def _solve_with_covariance(fitted, modes, covariance):
+    """The fit with errors that sources share, larger where χ² asks for it."""
+    solution = fit_field(fitted, modes, covariance=covariance)
     scaled = solution.scaled if solution.quality.factor > 1 else solution
     return replace(scaled, errors_from=scaled.errors_from.replace("the catalogue", "the covariance between sources"))
 
@@ -590,16 +602,23 @@ def _solve_by_method(fitted, modes, method, replicates, rng):
     return METHODS[method](fitted, modes, value, rng).plain
 
 
-def _add_floor(comparison, fitted, floor, replicates, rng):
-    """The comparison with systematic errors in its errors, or its size beside them."""
+def _add_floor(comparison, fitted, floor, replicates, rng, covariance):
+    """The comparison with systematic errors in its errors, or its size beside them.
+
+    The size is added to errors that sources share: those of `shared` know none of them.
+    """
+    if covariance is not None and floor:
+        floor = None
     if floor is None:
-        floor = len(fitted) >= MANY
+        floor = len(fitted) >= MANY and covariance is None
         if not floor and len(fitted) < FEW:
             return comparison
     elif not floor:
         return comparison
     degree = as_modes(max(_DEGREE, comparison.solution.modes.lmax))
-    normal = _solve_by_method(fitted, degree, comparison.method, replicates, rng) or normal_equations(fitted, degree)
+    normal = _solve_by_method(fitted, degree, comparison.method, replicates, rng) or normal_equations(
+        fitted, degree, covariance=covariance
+    )
     if floor:
         errors = shared([normal], range(2, _DEGREE + 1), labels=[" − ".join(comparison.labels)], rng=rng)
         return replace(comparison, shared=replace(errors, unit=comparison.solution.unit))

@@ -241,3 +241,32 @@ def test_parallaxes_in_a_unit_that_was_lost_are_doubted():
     assert_allclose(read_scalars(joined, "parallax_1").sigma, 17.0**2)
     units = dict.fromkeys(("parallax", "parallax_error"), "uas")
     assert not any("is the unit right" in note for note in read_scalars(lost, units=units).notes)
+
+
+def scalars_table(n=300, seed=3):
+    """Parallaxes in mas with a bias, by random directions."""
+    rng = np.random.default_rng(seed)
+    columns = {"ra": rng.uniform(0, 360, n), "dec": np.degrees(np.arcsin(rng.uniform(-1, 1, n)))}
+    columns |= {"parallax": rng.normal(-0.02, 0.3, n), "parallax_error": np.full(n, 0.3), "bias": np.full(n, -0.02)}
+    return Table(columns, units={"parallax": "mas", "parallax_error": "mas", "bias": "mas"})
+
+
+def test_masks_beside_columns_and_zeros_are_missing_values(tmp_path):
+    """Parquet by astropy holds a mask as a column of its own; exact zeros in many rows are no measurements."""
+    pytest.importorskip("pyarrow")
+    table = Table(scalars_table(), masked=True)
+    table["parallax"][:30], table["parallax"].mask[:30] = 1.5, True
+    table.write(tmp_path / "a.parquet")
+    for value in ("parallax", "parallax - bias"):
+        assert len(read_scalars(tmp_path / "a.parquet", value, on_bad="drop")) == 270
+    assert any("30 of 300 rows" in str(note) for note in read_scalars(tmp_path / "a.parquet").notes)
+    zeros = scalars_table()
+    zeros["parallax"][:40] = 0.0
+    assert len(read_scalars(zeros, "parallax - bias", on_bad="drop")) == 260
+
+
+@pytest.mark.parametrize("formula", ["parallax/parallax_error", "parallax*parallax", "parallax/bias - 1"])
+def test_formulas_keep_the_unit(formula):
+    with pytest.raises(TableError, match="is not in mas"):
+        read_scalars(scalars_table(), formula)
+    np.testing.assert_allclose(read_scalars(scalars_table(), "2*parallax - parallax").values, 1000 * scalars_table()["parallax"])

@@ -120,7 +120,7 @@ def _format_number(cell, style):
     """A printed number, or one with its error, in a style."""
     match = re.fullmatch(r"([+-]?[\d.]+(?:e[+-]?\d+)?)(?: ± ([\d.]+))?", cell)
     if style == "siunitx" and match:
-        return rf"\num{{{match[1]}{f' +- {match[2]}' if match[2] else ''}}}"
+        return rf"\num[separate-uncertainty, retain-explicit-plus]{{{match[1]}{f' +- {match[2]}' if match[2] else ''}}}"
     limit = re.fullmatch(r"< +([\d.e+-]+) \((\d+) %\)", cell)
     return rf"$<{_tex(limit[1])}$ ({limit[2]}\,\%)" if limit else f"${_tex(cell)}$"
 

@@ -499,6 +499,12 @@ def test_errors_that_sources_share_are_those_of_the_covariance():
     assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.2
     assert np.sqrt(np.mean(np.square(alone))) > 2
     assert "the covariance between sources" in comparison.report()
+    with_floor, _ = compare_catalogues(one, two, 1, floor=True)
+    assert (with_floor.best.spin.sigma > 0.9 * comparison.best.spin.sigma).all()
+    with pytest.raises(ParameterError, match="A has a covariance between them"):
+        compare_catalogues(one, two, 1, method="student")
+    with pytest.raises(ParameterError, match="compare two catalogues"):
+        fit.chain.combine_frames({"one": one, "two": two, "three": two}, 1)
     order = np.random.default_rng(3).permutation(len(one))
     turned, _ = compare_catalogues(one[order], two, 1, floor=False)
     np.testing.assert_allclose(turned.best.values, comparison.best.values, atol=1e-6)

@@ -6,6 +6,7 @@ from vsh.io.catalogue._names import GAIA, NAMED, Columns, has_field_columns
 from vsh.io.catalogue._parts import parts
 from vsh.io.catalogue._read import (
     as_field,
+    has_epochs,
     is_map,
     is_readable,
     read_columns,

@@ -347,7 +347,7 @@ def derive_columns(source: TableSource, made: Mapping[str, Any], notes: Iterable
     def read(names, rows):
         inputs = [name for column in names if column in made for name in made[column][0]]
         source_names = tuple(dict.fromkeys([name for name in names if name not in made] + inputs))
-        for block in source.read(source_names or source.names[:1], rows):
+        for block in source.blocks(source_names or source.names[:1], rows):
             count = len(next(iter(block.values()))[0])
             yield {name: _apply_recipe(made[name], block, count) if name in made else block[name] for name in names}
 

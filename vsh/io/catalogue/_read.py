@@ -129,13 +129,18 @@ def read_field(
     """
     begin = perf_counter()
     opened = tables.open_table(source, format)
-    if {name.replace("_", "").lower() for name in opened.names} >= _EPOCHS:
+    if has_epochs(opened.names):
         field = _solve_epochs(opened, columns, on_bad, where, {"units": units, "frame": frame, "sigma": sigma})
     else:
         make = _FieldMaker(opened, columns, units, on_bad, frame, roles, where, sigma)
         field = make(make.source.columns(make.names))
     log_result(_LOG, f"read {opened.label}", field, begin)
     return field
+
+
+def has_epochs(names: Iterable[str]) -> bool:
+    """Tell whether a table has epoch astrometry in place of motions, by its names."""
+    return {name.replace("_", "").lower() for name in names} >= _EPOCHS
 
 
 def _solve_epochs(opened, columns, on_bad, where, others):
@@ -625,12 +630,17 @@ def read_scalars(
     def number_of(name, column):
         """A column in the unit of the first, without what marks a missing value in its own."""
         is_mark = find_placeholder_rows({"pmra": column, "pmdec": column}) & (factors[name] * scale != 1)
+        if name == first and target == parse_unit("uas"):  # other numbers may be zero
+            is_mark = np.logical_or.reduce([is_mark, *zero_motion_rows(column, column).values()])
         return np.where(is_mark, np.nan, column) * factors[name]
 
     def values(*columns):
-        return scale * formula.numbers(
-            {name: (number_of(name, column), None) for name, column in zip(formula.names, columns, strict=True)}
-        )
+        numbers = {name: number_of(name, column) for name, column in zip(formula.names, columns, strict=True)}
+        one, two, three = (formula.numbers({name: (k * n, None) for name, n in numbers.items()}) for k in (1, 2, 3))
+        step = np.nan_to_num(two - one)
+        if own and np.nan_to_num(one).any() and not (step.any() and np.allclose(np.nan_to_num(three - two), step)):
+            raise TableError(f"{printable(value)} is not in {own}, as {printable(first)} is: add and subtract columns")
+        return scale * one
 
     # The numbers stand for both components of a motion: what is checked of a catalogue's rows is checked of these.
     names = {"value": f"{ASSUMED}pm{value}", "error": f"{ASSUMED}pm{error}"}

@@ -16,7 +16,7 @@ from vsh.tools.types import PathName
 _KINDS = ("RS_RA", "RS_DE")
 #: From radians. [mas]
 _MAS = np.degrees(3.6e6)
-#: The covariance of more sources is not kept: 10⁸ numbers.
+#: The covariance of twice as many estimates is not read: 10⁸ numbers.
 _MOST = 5000
 
 
@@ -30,12 +30,16 @@ def open_sinex(path: PathName, label: str) -> TableSource:
         values = {(row[2], row[1]): tuple(map(_number, row[-2:])) for row in estimates if row[1] in _KINDS}
         codes = [code for code in names if all((code, kind) in values for kind in _KINDS)]
         lon, east, lat, north = np.array([values[code, "RS_RA"] + values[code, "RS_DE"] for code in codes]).T
-        number = {(row[2], row[1]): int(row[0]) for row in estimates if row[1] in _KINDS}
-        matrix = _matrix_of(blocks, [number[code, kind] for kind in _KINDS for code in codes], np.r_[east, north])
-    except (KeyError, IndexError, ValueError) as error:
+        number = {(row[2], row[1]): k for k, row in enumerate(estimates) if row[1] in _KINDS}
+        errors = np.array([_number(row[-1]) for row in estimates])
+        places = [number[code, kind] for kind in _KINDS for code in codes]
+        matrix = _matrix_of(blocks, [int(row[0]) for row in estimates], places, errors)
+    except (KeyError, IndexError, ValueError, np.linalg.LinAlgError) as error:
         reason = f"it has no block {error}" if isinstance(error, KeyError) else f"none, or a damaged one ({error})"
         raise TableError(f"{label} is no solution of positions (RS_RA, RS_DE) in SINEX: {reason}") from None
     n = len(codes)
+    if matrix is not None:
+        east, north = np.sqrt(matrix.diagonal()).reshape(2, n)
     rho = np.zeros(n) if matrix is None else np.diagonal(matrix, n) / (east * north)
     columns = {
         "icrf": np.array([names[code][1].removeprefix("ICRF ") for code in codes]),
@@ -47,9 +51,12 @@ def open_sinex(path: PathName, label: str) -> TableSource:
     units = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
     source = open_dict_or_array(columns)
     notes: tuple[str, ...] = ()
-    if matrix is None and n > _MOST:
-        notes = (f"{Path(path).name}: the covariance of more than {_MOST} sources is not read, nor are correlations",)
-    elif matrix is not None:
+    if matrix is None:
+        reason = (
+            f"that of more than {2 * _MOST} estimates is not read" if len(estimates) > 2 * _MOST else "it has no matrix"
+        )
+        notes = (f"{Path(path).name}: no covariance between sources ({reason}): their errors are taken as independent",)
+    else:
         scale = _MAS * 1e3 * np.r_[np.cos(lat), np.ones(n)]
         matrix *= scale * scale[:, None]
     return TableSource(label, source.names, source.read, units, notes=notes, covariance=matrix)
@@ -71,20 +78,28 @@ def _number(text):
     return float(text.upper().replace("D", "E"))
 
 
-def _matrix_of(blocks, indices, errors):
-    """Covariance of the estimates with these indices, (2n, 2n); None where the file has no matrix of them. [rad²]"""
+def _matrix_of(blocks, indices, places, errors):
+    """Covariance of the estimates at `places` among those with `indices`; None where the file has no matrix. [rad²]"""
     title = next((name for name in blocks if name.startswith("SOLUTION/MATRIX_ESTIMATE")), "")
-    if not title.endswith(("COVA", "CORR")) or len(indices) > 2 * _MOST:
+    kind = title.split()[-1] if title else ""
+    if kind not in ("COVA", "CORR", "INFO") or len(indices) > 2 * _MOST:
         return None
-    places, matrix = {index: place for place, index in enumerate(indices)}, np.zeros((len(indices), len(indices)))
+    at, matrix = {index: place for place, index in enumerate(indices)}, np.zeros((len(indices), len(indices)))
     for line in blocks[title]:
         row, first, *numbers = line.split()
-        if (i := places.get(int(row))) is None:
-            continue
         for column, text in enumerate(numbers, int(first)):
-            if (j := places.get(column)) is not None:
-                matrix[i, j] = matrix[j, i] = _number(text)
-    if title.endswith("CORR"):  # whose diagonal may hold the errors
+            if int(row) not in at or column not in at:
+                raise ValueError(f"the matrix has an element ({row}, {column}) of no estimate")
+            i, j = at[int(row)], at[column]
+            matrix[i, j] = matrix[j, i] = _number(text)
+    if missing := int((matrix.diagonal()[places] == 0).sum()):  # zeros may be left out, and no variance is one
+        raise ValueError(f"the matrix lacks {missing} of {len(places)} diagonal elements: it is cut")
+    if kind == "INFO":
+        matrix = np.linalg.inv(matrix)
+    elif kind == "CORR":  # whose diagonal may hold the errors
         np.fill_diagonal(matrix, 1.0)
         matrix *= errors * errors[:, None]
+    matrix = matrix[np.ix_(places, places)]
+    if not (matrix.diagonal() > 0).all():
+        raise ValueError("the matrix has variances that are not positive")
     return matrix

@@ -418,6 +418,29 @@ def test_sinex(tmp_path, kind, name):
     np.testing.assert_array_equal(read[[2, 0]].covariance[0], read.covariance[2][[2, 0, n + 2, n]])
 
 
+def test_sinex_matrix_that_is_cut_absent_or_inverted(tmp_path):
+    """An element on the diagonal tells that the matrix is whole; INFO is the inverse; errors may stand there alone."""
+    path, lines = tmp_path / "a.snx", sinex().splitlines()
+    start = lines.index("+SOLUTION/MATRIX_ESTIMATE L COVA")
+    path.write_text("\n".join(lines[: start + 4]) + "\n")
+    with pytest.raises(TableError, match="lacks 3 of 6 diagonal elements"):
+        read_positions(path)
+    path.write_text("\n".join(lines[:start]) + "\n%ENDSNX\n")
+    read = read_positions(path)
+    assert read.covariance is None
+    assert any("no covariance between sources" in str(note) for note in read.notes)
+    path.write_text(sinex())
+    whole = read_positions(path)
+    path.write_text(re.sub(r" [58]\.00000E-10", " 0.00000E+00", sinex()))
+    np.testing.assert_allclose(read_positions(path).sigma, whole.sigma)
+    places = [place + k for k in range(len(POSITIONS)) for place in (0, len(POSITIONS))]  # RA and DE of each in turn
+    scale = 1e-3 / (np.degrees(3.6e6) * np.r_[np.cos(whole.lat), np.ones(len(whole))])
+    inverse = np.linalg.inv((whole.covariance * scale * scale[:, None])[np.ix_(places, places)])
+    rows = [f" {i + 1} {j + 1} {inverse[i, j]:.14E}" for i in range(len(places)) for j in range(i, len(places))]
+    path.write_text("\n".join([*lines[:start], "+SOLUTION/MATRIX_ESTIMATE U INFO", *rows, "%ENDSNX"]) + "\n")
+    np.testing.assert_allclose(read_positions(path).covariance, whole.covariance, rtol=1e-6, atol=1e-9)
+
+
 def test_sinex_without_sources_is_told(tmp_path):
     path = tmp_path / "stations.snx"
     path.write_text("%=SNX 2.02\n+SOLUTION/ESTIMATE\n     1 STAX   0001  A    1 00:001:00000 m    2 1.0 1.0\n%ENDSNX\n")
