@@ -657,8 +657,8 @@ def _reduce_classes(equations, names, modes, scale_flags, is_free=None) -> tuple
             raise DegeneracyError(f"{name}: {error}") from None
         if classes[-1].condition[0] > _CAP:
             notes.append(
-                f"warning: the class {name} sees too little of the sky to tell degrees to {modes.lmax} apart: merge it "
-                "with another, or fit lower degrees"
+                f"warning: the class {name} sees too little of the sky to tell degrees to {modes.lmax} apart, and its "
+                "errors rest on the assumed spectra: a larger class, or lower degrees, would say more by themselves"
             )
     return ClassEquations.from_separate_classes(classes), notes
 
