@@ -341,8 +341,7 @@ class ClassComparison(Result):
             for k, axis in enumerate("xyz"):
                 columns[f"{name}_{axis}"] = [vector.value[k] for vector in vectors]
                 columns[f"{name}_{axis}_error"] = [vector.sigma[k] for vector in vectors]
-        unit = {"µas/yr": "uas / yr", "µas": "uas"}.get(self.unit, self.unit)
-        units = {name: unit for name in columns if name not in ("class", "n_sources")} if unit else {}
+        units = {name: self.unit for name in columns if name not in ("class", "n_sources")}
         meta: dict[str, Any] = {f"probability {name}": p for name, p in zip(self.shapes, self.probability, strict=True)}
         if len(self) > 1:
             verdict, chances = self._tests

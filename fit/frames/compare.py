@@ -327,11 +327,10 @@ class FrameComparison(FrameResult, AboutSolution):
         solution, (a, b), best, parameters = self.solution, self.labels, self.best, self.parameters
         terms = icrf3_terms(best.coefficients, best.sigma)
         term_names = [name for name in terms if long or name[0] in "RD"]
-        unit = "uas" if solution.unit == "µas" else "uas / yr"
         values, errors = np.transpose([terms[name] for name in term_names])
         columns = {"ICRF3 term": term_names, "value": values, "sigma": errors, "value / error": values / errors}
         columns["formal error"] = [parameters[name][1] for name in term_names]
-        table = tables.table_of(columns, {}, dict.fromkeys(("value", "sigma", "formal error"), unit))
+        table = tables.table_of(columns, {}, dict.fromkeys(("value", "sigma", "formal error"), solution.unit))
         facts = [("sources", f"{solution.n_sources}, {len(self.names)} excluded"), *self._error_facts(long)]
         rotation = "R1, R2, R3 are the components of the rotation with the opposite sign"
         remarks = [f"{rotation}, because they rotate the axes and not the sources."]
@@ -403,22 +402,21 @@ class FrameComparison(FrameResult, AboutSolution):
 
     def parameters_table(self) -> Table:
         """`parameters` as the report has them, a row each: with the errors of the verdict, and as quoted."""
-        unit = "uas" if self.solution.unit == "µas" else "uas / yr"
         values, errors = np.transpose(list(self.parameters.values()))
         columns: dict[str, Any] = {"ICRF3": list(self.parameters)}
         best = self.best
         columns["value"], columns["sigma"] = np.transpose(list(icrf3_terms(best.coefficients, best.sigma).values()))
         columns |= {"value_formal": values, "sigma_formal": errors}
         columns["in_errors"] = columns["value"] / columns["sigma"]
-        units = {name: unit for name in columns if name.startswith(("value", "sigma"))}
+        units = {name: self.solution.unit for name in columns if name.startswith(("value", "sigma"))}
         return tables.table_of(columns, {"frame": self.solution.frame, "summary": self.verdict}, units)
 
     def outliers_table(self) -> Table:
         """A row for each source that was left out, as an astropy Table."""
-        unit = "uas" if self.solution.unit == "µas" else "uas / yr"
         east, north = self.offsets.T
         columns = {"name": np.array(self.names, dtype=str), "east": east, "north": north, "distance": self.distances}
-        return tables.table_of(columns, {"frame": self.solution.frame}, dict.fromkeys(("east", "north"), unit))
+        units = dict.fromkeys(("east", "north"), self.solution.unit)
+        return tables.table_of(columns, {"frame": self.solution.frame}, units)
 
 
 @arguments.accepts(threshold=arguments.positive)
