@@ -378,7 +378,6 @@ class ClassComparison(Result):
 
     def _degree_one_solution(self, values, covariance, n_sources):
         kind: Any = Solution if len(values) == 6 else ScalarSolution
-        errors_from = f"normal equations, with systematic errors, degrees {degrees_text(self.degrees)}"
         return kind(
             coefficients=kind._coefficients(1, values),
             covariance=covariance,
@@ -386,7 +385,7 @@ class ClassComparison(Result):
             n_data=len(values) // 3 * n_sources,
             frame=self.frame,
             unit=self.unit,
-            errors_from=errors_from,
+            errors_from=f"normal equations, with systematic errors, degrees {degrees_text(self.degrees)}",
             error_source=ErrorSource.JOINT,
             includes_floor=True,
         )
