@@ -302,8 +302,7 @@ def galaxies(
     while len(redshift) < n:
         cube = rng.uniform(distance[0] ** 3, distance[-1] ** 3, n)
         z = np.interp(np.cbrt(cube), distance, grid)
-        modulus = distance_modulus(np.cbrt(cube), z)
-        g = modulus + rng.normal(absolute, spread, n)
+        g = distance_modulus(np.cbrt(cube), z) + rng.normal(absolute, spread, n)
         redshift, magnitude = np.r_[redshift, z[g < max_magnitude]], np.r_[magnitude, g[g < max_magnitude]]
     return Population(lon, lat, magnitude[:n], redshift[:n])
 

@@ -87,7 +87,7 @@ BREAKS = [
     ("sim/agis/passes/_scans.py", "part_path is not None and part_path.exists()", "False", "test_agis_scans.py"),
     ("sim/agis/_system.py", "basis[3:, :, 3], basis[3:, :, 4] = q, -p", "basis[3:, :, 3], basis[3:, :, 4] = q, p", "test_joint_system.py"),
     ("sim/agis/_system.py", "* (1 + (scans.weights[1] > 0))", "* 1e6", "test_agis_scans.py"),
-    ("sim/agis/_system.py", "np.ptp(window, axis=0)", "np.abs(window[-1] - window[-2])", "test_agis_solutions.py"),
+    ("sim/agis/_system.py", "np.ptp(history[-REST - 1 :], axis=0)", "np.abs(history[-1] - history[-2])", "test_agis_solutions.py"),
     ("sim/agis/_system.py", "of_attitude += pull", "pass", "test_agis_solutions.py"),
     ("sim/agis/_system.py", 'if str(arrays.pop("key", "")) != key:', 'if str(arrays.pop("key", "")) == "":', "test_agis_solutions.py"),
     ("sim/agis/_globals.py", "functional[:, 3:] = self.weights[:, None] * np.einsum", "functional[:, 3:] = np.einsum", "test_agis_globals.py"),

@@ -201,8 +201,7 @@ class _Profile:
         small = 1e-6 * np.sqrt(self.variances)  # as in `length_limits`
         self.value = np.where(np.abs(components[mask]) < small, small, components[mask])
         self.norm = float(np.linalg.norm(self.value))
-        ratio = 1 / np.sqrt(self.variances.min())
-        self.unequal = float(np.clip((ratio - 1) / 3, 0.0, 1.0))
+        self.unequal = float(np.clip((1 / np.sqrt(self.variances.min()) - 1) / 3, 0.0, 1.0))
         # Hotelling's T² with k components is k ν/(ν − k + 1) times an F with k and ν − k + 1 degrees of freedom.
         self.dof, self.free = dof, dof - len(self.value) + 1
         self.noise = np.sqrt(self.variances)[:, None] * _normal_points(len(self.value))
@@ -288,6 +287,5 @@ def _normal_points(size: int) -> Any:
     for _ in range(60):
         ratio = (1 + ratio) ** (1 / (size + 1))
     step = ratio ** -np.arange(1.0, size + 1)
-    cube = (0.5 + np.outer(step, np.arange(1, _POINTS // 2 + 1))) % 1
-    half = ndtri(cube)
+    half = ndtri((0.5 + np.outer(step, np.arange(1, _POINTS // 2 + 1))) % 1)
     return np.concatenate([half, -half], axis=1)

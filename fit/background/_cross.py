@@ -65,8 +65,7 @@ class CrossPowers(Result):
         """A row for each template and degree as an astropy Table."""
         motions = {"value": self.values, "error": self.errors, "error_with_floor": self.errors_with_floor}
         columns = {"template": list(self.templates), "degree": self.degrees.astype(int)} | motions
-        unit = {"µas/yr": "uas / yr", "µas": "uas"}.get(self.unit, self.unit)
-        return tables.table_of(columns, {}, dict.fromkeys(motions, unit) if unit else {})
+        return tables.table_of(columns, {}, dict.fromkeys(motions, self.unit))
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """The projections in units of their errors on matplotlib axes."""

@@ -152,9 +152,9 @@ class FloorOfKind(Result):
         """A row for each power as an astropy Table."""
         numbers = list(self.powers.values()) * (len(self.errors) // len(self.powers))
         rows = [(name, *power, error) for (name, error), power in zip(self.errors.items(), numbers, strict=True)]
-        names, unit = ("power", "power_low", "power_high"), self.unit.replace("µ", "u")
-        units = dict.fromkeys(names, square_of(unit)) | {"floor": unit}
-        return tables.table_of_rows(("parameter", *names, "floor"), rows, self._meta(), units if unit else {})
+        names = ("power", "power_low", "power_high")
+        units = dict.fromkeys(names, square_of(self.unit)) | {"floor": self.unit}
+        return tables.table_of_rows(("parameter", *names, "floor"), rows, self._meta(), units)
 
     def _meta(self):
         return {}

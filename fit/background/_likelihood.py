@@ -352,8 +352,7 @@ class Likelihood(Amplitudes):
 
     def _loss(self, x):
         """−ln L by a = unit (eˣ − 1), which is linear next to zero and logarithmic far from it; and its gradient."""
-        ratios = self.unit * np.expm1(x)
-        logdet, gain, by_logdet, by_gain = self.slopes(ratios)
+        logdet, gain, by_logdet, by_gain = self.slopes(self.unit * np.expm1(x))
         tau = self.scale(gain)
         slope = (by_logdet - by_gain / tau) / 2
         return -float(self.of_parts(logdet, gain, tau)), slope * self.unit * np.exp(x)

@@ -341,8 +341,7 @@ class ClassComparison(Result):
             for k, axis in enumerate("xyz"):
                 columns[f"{name}_{axis}"] = [vector.value[k] for vector in vectors]
                 columns[f"{name}_{axis}_error"] = [vector.sigma[k] for vector in vectors]
-        unit = {"µas/yr": "uas / yr", "µas": "uas"}.get(self.unit, self.unit)
-        units = {name: unit for name in columns if name not in ("class", "n_sources")} if unit else {}
+        units = {name: self.unit for name in columns if name not in ("class", "n_sources")}
         meta: dict[str, Any] = {f"probability {name}": p for name, p in zip(self.shapes, self.probability, strict=True)}
         if len(self) > 1:
             verdict, chances = self._tests
@@ -379,7 +378,6 @@ class ClassComparison(Result):
 
     def _degree_one_solution(self, values, covariance, n_sources):
         kind: Any = Solution if len(values) == 6 else ScalarSolution
-        errors_from = f"normal equations, with systematic errors, degrees {degrees_text(self.degrees)}"
         return kind(
             coefficients=kind._coefficients(1, values),
             covariance=covariance,
@@ -387,7 +385,7 @@ class ClassComparison(Result):
             n_data=len(values) // 3 * n_sources,
             frame=self.frame,
             unit=self.unit,
-            errors_from=errors_from,
+            errors_from=f"normal equations, with systematic errors, degrees {degrees_text(self.degrees)}",
             error_source=ErrorSource.JOINT,
             includes_floor=True,
         )

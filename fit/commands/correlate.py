@@ -180,11 +180,10 @@ def _influence_section(field, label, pair, lmax):
 
 
 def _leakage_section(leak, label, power):
-    names = fit.correlation.parameters_of("spin+acceleration").names
-    biases = leak.bias_of(names, power)
+    biases = leak.bias_of(fit.correlation.parameters_of("spin+acceleration").names, power)
     cells = ", ".join(f"{name} {value:.3g}" for name, value in biases.items())
-    lowest_degree = leak.fitted.lmax + 1
-    title = f"{label}: bias of the fit by degrees {lowest_degree} to {leak.unmodelled.lmax}, which are left out"
+    degrees = f"degrees {leak.fitted.lmax + 1} to {leak.unmodelled.lmax}"
+    title = f"{label}: bias of the fit by {degrees}, which are left out"
     facts = [("power", f"{power:g} (µas/yr)² in each of T and S"), ("bias", f"{cells} µas/yr (rms)")]
     return Section(title, facts)
 

@@ -233,8 +233,7 @@ def _answer(solution, results, has_classes):
 
 def _sections(results, long):
     """The sections below those of the solution; short, the lines to quote have the floor and the limit on waves."""
-    names = [name for name in ("floor", "waves", "shared", "cross_powers") if name in results]
-    names = [name for name in names if long or name not in ("floor", "waves")]
+    names = [name for name in (*(("floor", "waves") if long else ()), "shared", "cross_powers") if name in results]
     selection = [replace(results[name], notes=()) if name == "waves" else results[name] for name in names]  # said above
     return [section for result in selection for section in result.sections(long=long)]
 

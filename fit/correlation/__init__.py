@@ -8,7 +8,6 @@ from fit.correlation._matrices import (
     FRAME,
     CorrelationMatrices,
     correlation_matrices,
-    dipole,
     field_from_positions,
     influence_map,
     parameters_of,

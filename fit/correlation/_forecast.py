@@ -39,8 +39,7 @@ class Prediction(Solution):
     def largest(self) -> tuple[float, tuple[str, str]]:
         """The largest correlation among spin and acceleration, and the pair it is of."""
         pair = select_parameters(FRAME_NAMES, self.modes)
-        correlation = correlation_of(pair.covariance(self.covariance))
-        return largest_correlation(correlation, pair.names)
+        return largest_correlation(correlation_of(pair.covariance(self.covariance)), pair.names)
 
     def _pack(self):
         columns, metadata, units = super()._pack()

@@ -192,8 +192,7 @@ class CorrelationMatrices(Result):
     def _pack(self):
         columns = {"parameter": list(self.names)} | {f"matrix_{i}": matrix for i, matrix in enumerate(self.matrices)}
         dipoles = [[to_hex(x) for x in d] for d in self.dipoles]
-        metadata = {"labels": list(self.labels), "frame": self.frame, "dipoles": dipoles}
-        return columns, metadata, {}
+        return columns, {"labels": list(self.labels), "frame": self.frame, "dipoles": dipoles}, {}
 
     @classmethod
     def _unpack(cls, columns, metadata):

@@ -3,7 +3,6 @@
 from fit.distances._calibration import (
     WHOLE_DISPERSION,
     Calibration,
-    InverseDistances,
     calibrate,
     calibrate_if_known,
     declared_frame,
@@ -11,10 +10,7 @@ from fit.distances._calibration import (
     motions_per_velocity,
 )
 from fit.distances._density import (
-    LuminosityFunction,
     MeasuredInverseDistances,
-    SourceDensity,
-    VariancesByRedshift,
     flow_information,
     flow_limits,
     has_distance_or_parallax,

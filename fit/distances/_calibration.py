@@ -460,8 +460,7 @@ def calibrate(
     elif has_luminosity:
         raise ParameterError("a luminosity function needs magnitudes, which are not used")
     else:
-        errors = variances_by_redshift(facts["variances"])
-        bare = replace(bare, errors=errors)
+        bare = replace(bare, errors=variances_by_redshift(facts["variances"]))
         notes.append(
             "no magnitudes: distances follow from redshifts alone, and sources with distance errors above 5 % have the "
             "mean weight of their redshift"

@@ -288,8 +288,7 @@ def fit_luminosity(counts: FloatArray, limit: float) -> LuminosityFunction:
             f"{total:.0f} galaxies with magnitudes say nothing of a luminosity function: give one (luminosity=), or use"
             " no magnitudes (magnitudes=False, --columns magnitude=)"
         )
-    by_magnitude = counts.sum(1)
-    share = np.cumsum(by_magnitude) / total
+    share = np.cumsum(counts.sum(1)) / total
     lower, upper = MAGNITUDES[np.searchsorted(share, [0.005, 0.995])]
     knots = np.linspace(lower, max(upper, lower + 1.0), 8 if total > 1000 else 5)
     middle = MAGNITUDES + _STEP / 2

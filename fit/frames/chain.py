@@ -224,8 +224,7 @@ class FrameNetwork(FrameResult):
             columns.setdefault("ICRF3 term", term_names)
             columns[f"{reference} − {name}"] = [terms[term][0] for term in term_names]
             columns[f"{reference} − {name}_error"] = [terms[term][1] for term in term_names]
-        unit = "uas" if self.unit == "µas" else "uas / yr"
-        table = tables.table_of(columns, {}, {name: unit for name in columns if " − " in name})
+        table = tables.table_of(columns, {}, {name: self.unit for name in columns if " − " in name})
         remarks = [("R1, R2, R3 are the rotation with the opposite sign: they rotate the axes, not the sources.")]
         if self.names:
             outliers = ", ".join(f"{n} ({d:.0f})" for n, d in list(zip(self.names, self.distances, strict=True))[:8])
@@ -249,7 +248,7 @@ class FrameNetwork(FrameResult):
         """A row for each two catalogues and coefficient as an astropy Table; degree 1 with its floor where sought."""
         pairs = [(late, early) for early, late in combinations(self.labels, 2)]
         solutions = [self.difference(*pair) for pair in pairs]
-        p, unit = len(self.modes), "uas" if self.unit == "µas" else "uas / yr"
+        p = len(self.modes)
         columns: dict[str, Any] = {
             "catalogue": np.repeat([late for late, _ in pairs], p).tolist(),
             "less": np.repeat([early for _, early in pairs], p).tolist(),
@@ -262,7 +261,7 @@ class FrameNetwork(FrameResult):
             for name, attribute in (("value", "values"), ("sigma", "sigma")):
                 columns[f"{name}_floor"] = np.full(is_degree_one.size, np.nan)
                 columns[f"{name}_floor"][is_degree_one] = np.concatenate([getattr(each, attribute) for each in frames])
-        units = {name: unit for name in columns if name.startswith(("value", "sigma"))}
+        units = {name: self.unit for name in columns if name.startswith(("value", "sigma"))}
         return tables.table_of(columns, {"reference": self.labels[0], "frame": self.frame}, units)
 
     def plot(self, *, ax: Axes | None = None) -> Axes:

@@ -104,9 +104,8 @@ def fit_by_error_class(differences: Field, modes: Modes, indices: IntArray | Non
     is_deformation = modes.degrees[indices] > 1
     p_value = float("nan")
     if is_deformation.any():
-        size = values[is_deformation] @ np.linalg.solve(
-            covariance[np.ix_(is_deformation, is_deformation)], values[is_deformation]
-        )
+        deformation = values[is_deformation]
+        size = deformation @ np.linalg.solve(covariance[np.ix_(is_deformation, is_deformation)], deformation)
         share = np.array([np.trace(e.matrix) / t for e, t in zip(normals, tau, strict=True)])
         share /= share.sum()
         p_value = f_p_value(float(size), int(is_deformation.sum()), 1 / np.sum(share**2 / dof))
@@ -201,7 +200,7 @@ class FrameComparison(FrameResult, AboutSolution):
         Where sources share errors, rotation and glide are taken as independent of the higher degrees.
         """
         solution, errors = self.solution, self.solution.errors_from
-        source, includes_floor = solution.error_source, solution.includes_floor
+        source = solution.error_source
         values, covariance = np.array(solution.values), np.array(solution.covariance)
         if self.by_class is not None:
             values, covariance = np.array(self.by_class.values), np.array(self.by_class.covariance)
@@ -214,12 +213,10 @@ class FrameComparison(FrameResult, AboutSolution):
             covariance[degree_one] = covariance[:, degree_one] = 0.0
             covariance[np.ix_(degree_one, degree_one)] = shared_solution.covariance
             errors += "; those of rotation and glide include systematic errors"
-            includes_floor = True
         elif self.floor is not None:
             covariance += np.diag(self.floor.added(solution.modes))
             spin, glide = self.floor.spin_error, self.floor.acceleration_error
             errors += f"; systematic floor included (rotation ± {spin:.3g}, glide ± {glide:.3g} {solution.unit})"
-            includes_floor = True
         elif solution.n_sources < FEW:
             errors += f"; without systematic errors: of fewer than {FEW} sources they are not known, and floor=True "
             errors += "(--floor) includes those of the higher degrees"
@@ -231,7 +228,7 @@ class FrameComparison(FrameResult, AboutSolution):
             covariance=covariance,
             errors_from=errors,
             error_source=source,
-            includes_floor=includes_floor,
+            includes_floor=solution.includes_floor or self.shared is not None or self.floor is not None,
             formal_covariance=solution.formal.covariance,
         )
 
@@ -327,11 +324,10 @@ class FrameComparison(FrameResult, AboutSolution):
         solution, (a, b), best, parameters = self.solution, self.labels, self.best, self.parameters
         terms = icrf3_terms(best.coefficients, best.sigma)
         term_names = [name for name in terms if long or name[0] in "RD"]
-        unit = "uas" if solution.unit == "µas" else "uas / yr"
         values, errors = np.transpose([terms[name] for name in term_names])
         columns = {"ICRF3 term": term_names, "value": values, "sigma": errors, "value / error": values / errors}
         columns["formal error"] = [parameters[name][1] for name in term_names]
-        table = tables.table_of(columns, {}, dict.fromkeys(("value", "sigma", "formal error"), unit))
+        table = tables.table_of(columns, {}, dict.fromkeys(("value", "sigma", "formal error"), solution.unit))
         facts = [("sources", f"{solution.n_sources}, {len(self.names)} excluded"), *self._error_facts(long)]
         rotation = "R1, R2, R3 are the components of the rotation with the opposite sign"
         remarks = [f"{rotation}, because they rotate the axes and not the sources."]
@@ -403,22 +399,21 @@ class FrameComparison(FrameResult, AboutSolution):
 
     def parameters_table(self) -> Table:
         """`parameters` as the report has them, a row each: with the errors of the verdict, and as quoted."""
-        unit = "uas" if self.solution.unit == "µas" else "uas / yr"
         values, errors = np.transpose(list(self.parameters.values()))
         columns: dict[str, Any] = {"ICRF3": list(self.parameters)}
         best = self.best
         columns["value"], columns["sigma"] = np.transpose(list(icrf3_terms(best.coefficients, best.sigma).values()))
         columns |= {"value_formal": values, "sigma_formal": errors}
         columns["in_errors"] = columns["value"] / columns["sigma"]
-        units = {name: unit for name in columns if name.startswith(("value", "sigma"))}
+        units = {name: self.solution.unit for name in columns if name.startswith(("value", "sigma"))}
         return tables.table_of(columns, {"frame": self.solution.frame, "summary": self.verdict}, units)
 
     def outliers_table(self) -> Table:
         """A row for each source that was left out, as an astropy Table."""
-        unit = "uas" if self.solution.unit == "µas" else "uas / yr"
         east, north = self.offsets.T
         columns = {"name": np.array(self.names, dtype=str), "east": east, "north": north, "distance": self.distances}
-        return tables.table_of(columns, {"frame": self.solution.frame}, dict.fromkeys(("east", "north"), unit))
+        units = dict.fromkeys(("east", "north"), self.solution.unit)
+        return tables.table_of(columns, {"frame": self.solution.frame}, units)
 
 
 @arguments.accepts(threshold=arguments.positive)
@@ -507,9 +502,8 @@ def compare_catalogues(
     selection[is_near] = clipping.kept
     formal = clipping.solution
     if (scatter > 1).any():
-        formal = _with_given_errors(
-            formal, fit_field(scaled[selection], modes), fit_field(differences[selection], modes)
-        )
+        fits = (fit_field(each[selection], modes) for each in (scaled, differences))
+        formal = _with_given_errors(formal, *fits)
     distances = _normalised_residuals(formal, differences)
     order = np.flatnonzero(~selection)[np.argsort(-distances[~selection], kind="stable")]
     source_names = differences.name if differences.name is not None else np.arange(len(differences))
@@ -598,8 +592,7 @@ def _solve_by_method(fitted, modes, method, replicates, rng):
     """The solution by one of `fit.METHODS`; None of least squares."""
     if method in ("", "least-squares"):
         return None
-    value = {"bootstrap": replicates, "jackknife": _BLOCKS}.get(method)
-    return METHODS[method](fitted, modes, value, rng).plain
+    return METHODS[method](fitted, modes, {"bootstrap": replicates, "jackknife": _BLOCKS}.get(method), rng).plain
 
 
 def _add_floor(comparison, fitted, floor, replicates, rng, covariance):

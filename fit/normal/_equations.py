@@ -149,7 +149,8 @@ class NormalEquations(Additive, Frozen):
     def _prior_with(self, other, sign):
         if other.prior is None:
             return self.prior
-        return (self.prior or _empty_equations(other.prior))._combine(other.prior, sign)
+        nothing = replace(other.prior, matrix=0 * other.prior.matrix, rhs=0 * other.prior.rhs, chi2_null=0.0, notes=())
+        return (self.prior or nothing)._combine(other.prior, sign)
 
 
 def eliminate(
@@ -181,10 +182,6 @@ def eliminate(
         solution = root * cho_solve(cho_factor(np.eye(len(nuisance)) + root * inner * root.T), root * sides)
     schur = matrix[np.ix_(targets, targets)] - across.T @ solution[:, :-1]
     return (schur + schur.T) / 2, rhs[targets] - across.T @ solution[:, -1], float(rhs[nuisance] @ solution[:, -1])
-
-
-def _empty_equations(like):
-    return replace(like, matrix=0 * like.matrix, rhs=0 * like.rhs, chi2_null=0.0, notes=())
 
 
 def gaussian_prior(

@@ -275,8 +275,7 @@ class ParallaxModel:
 
     def start(self, rng: np.random.Generator, walkers: int) -> FloatArray:
         """Coordinates of walkers, (walkers, d): candidates drawn, weighed, and drawn again around the best."""
-        limits = np.array([self.priors.limits(name) for name in self.priors.free])
-        lower, upper = limits.T
+        lower, upper = np.transpose([self.priors.limits(name) for name in self.priors.free])
         n_candidates = max(4000, 20 * walkers)
         shape = n_candidates, len(lower)
         numbers, log_drawn = rng.uniform(lower, upper, shape), 0.0
@@ -290,8 +289,7 @@ class ParallaxModel:
             weight /= weight.sum()
             mean = weight @ numbers
             width = np.sqrt(weight @ (numbers - mean) ** 2) * 1.5 + 1e-6 * (upper - lower)
-            indices = np.argsort(-(log_weight + rng.gumbel(size=len(numbers))))[:walkers]
-            best = theta[indices]
+            best = theta[np.argsort(-(log_weight + rng.gumbel(size=len(numbers))))[:walkers]]
             # One in ten anywhere, so that no weight runs away; what falls outside has no density.
             anywhere = rng.uniform(size=(n_candidates, 1)) < 0.1
             numbers = np.where(anywhere, rng.uniform(lower, upper, shape), rng.normal(mean, width, shape))

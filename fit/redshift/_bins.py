@@ -434,8 +434,7 @@ def permutation_test(
     rng = generator(rng)
     field = with_redshift(field, 0.0)
     calibration = None if velocity is None else calibrate_if_known(field, redshift_frame, peculiar_dispersion)
-    redshift = np.asarray(field.redshift)
-    bin_index = np.searchsorted(binned.edges, redshift, side="right") - 1
+    bin_index = np.searchsorted(binned.edges, np.asarray(field.redshift), side="right") - 1
     inside = (bin_index >= 0) & (bin_index < len(binned))
     field, bin_index = field[inside], bin_index[inside]
     motions = [field.motion]

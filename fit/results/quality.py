@@ -148,8 +148,7 @@ def hint_of(p: float) -> str:
 
 def gls(values: FloatArray, covariance: FloatArray, design: FloatArray) -> tuple[FloatArray, float, FloatArray]:
     """Generalised least squares of values (B, q) = design (B, k) · θ (k, q): θ flat, χ² and θ's covariance."""
-    q = values.shape[1]
-    full = np.kron(design, np.eye(q))
+    full = np.kron(design, np.eye(values.shape[1]))
     y = values.ravel()
     products = np.linalg.solve(covariance, np.column_stack([full, y]))
     theta_covariance = np.linalg.inv(full.T @ products[:, :-1])

@@ -405,8 +405,7 @@ class Solution(LinearSolution):
             )
         ]
         names = ("parameter", "value", "error", "formal_error", "low_68", "high_68")
-        unit = self.unit.replace("µ", "u")
-        return tables.table_of_rows(names, rows, {"frame": self.frame}, dict.fromkeys(names[1:], unit) if unit else {})
+        return tables.table_of_rows(names, rows, {"frame": self.frame}, dict.fromkeys(names[1:], self.unit))
 
     def _mean_row(self):
         """The row of the mean, of a scalar field alone."""

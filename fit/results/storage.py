@@ -102,8 +102,7 @@ def decode_value(plain: Any) -> Any:
             raise TableError(f"an array ({error})") from None
         if len(data) != size:
             raise TableError("the size of an array")
-        array = np.frombuffer(data, dtype).reshape(shape)
-        return array.astype(dtype.newbyteorder("="))
+        return np.frombuffer(data, dtype).reshape(shape).astype(dtype.newbyteorder("="))
     if "float" in plain:
         return number(plain["float"])
     if "note" in plain:

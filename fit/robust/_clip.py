@@ -478,8 +478,7 @@ class _RestrictedLikelihood:
 
     def maximum(self, max_rounds, tolerance):
         """The parameters of the largest likelihood, searched along ln(1 + s²) and ln f²."""
-        begun = max(self.excess(), 1e-2)
-        start = np.array([np.log1p(begun), 0.0][: 1 + self.scale])
+        start = np.array([np.log1p(max(self.excess(), 1e-2)), 0.0][: 1 + self.scale])
         bounds = [(0.0, None), (np.log(1e-6), None)][: len(start)]
 
         def natural(x):
@@ -511,8 +510,7 @@ class _RestrictedLikelihood:
 
     def excess(self):
         """s² by which χ² of the plain fit would be as expected, about, in units of the mean variance."""
-        normal = self.sums(np.array([0.0, 1.0]))["normal"]
-        solution = solve(normal)
+        solution = solve(self.sums(np.array([0.0, 1.0]))["normal"])
         return solution.chi2 / max(solution.dof, 1) - 1
 
     def errors(self, parameters):

@@ -393,7 +393,8 @@ class Flow(Result):
 
     def to_table(self) -> Table:
         """Mean velocities of shells as an astropy Table, a row each."""
-        radii = self._radii()
+        farthest = float(self.modes.radii[-1])
+        radii = [radius for radius in (10.0, 20.0, 40.0, 80.0, 160.0, 320.0) if radius <= farthest] or [farthest]
         bulks = [self.bulk(radius) for radius in radii]
         columns: dict[str, Any] = {"distance": radii}
         for i, axis in enumerate("xyz"):
@@ -407,12 +408,6 @@ class Flow(Result):
         from fit.secular_parallax._plot import plot_flow
 
         return plot_flow(self, ax=ax)
-
-    def _radii(self):
-        outer_radius = self.modes.radii[-1]
-        return [radius for radius in (10.0, 20.0, 40.0, 80.0, 160.0, 320.0) if radius <= outer_radius] or [
-            float(outer_radius)
-        ]
 
 
 def _shell_mean(modes, radius):
@@ -653,8 +648,7 @@ def check_determined(matrix: FloatArray, names: Sequence[str], sources: int, lim
     """Raise DegeneracyError if the data do not determine some combination of the parameters."""
     diagonal = np.diag(matrix)
     if 2 * sources >= len(names) and (diagonal > 0).all():
-        correlation = matrix / np.sqrt(np.outer(diagonal, diagonal))
-        values = np.linalg.eigvalsh(correlation)
+        values = np.linalg.eigvalsh(matrix / np.sqrt(np.outer(diagonal, diagonal)))
         if values[0] * limit > values[-1]:
             return
     raise DegeneracyError(

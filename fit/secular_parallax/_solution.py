@@ -50,8 +50,7 @@ def _vector_table(solution, truth, long):
             is_other = truth["hubble"] != solution.assumed_hubble
             rows.append(_true_row(v, expectation, "+.1f", f"(simulated with H0 = {truth['hubble']:g})" * is_other))
         if long:
-            galactic = v.to_frame("galactic")
-            rows.append(("  galactic axes", *format_components(galactic), ""))
+            rows.append(("  galactic axes", *format_components(v.to_frame("galactic")), ""))
     a = solution.acceleration
     rows.append(("acceleration [µas/yr]", *format_components(a), format_amplitude(a)))
     if "acceleration" in truth:

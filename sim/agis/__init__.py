@@ -3,14 +3,12 @@
 from sim.agis._calibration import GAIA_CALIBRATION, Calibration
 from sim.agis._globals import GlobalMotion, MotionFit, global_motion
 from sim.agis._mission import (
-    ACROSS,
     KINDS,
     Mixture,
     in_own_frame,
     joint_system,
     mixture,
     observations,
-    scale_mission,
     solve_mission,
     start_errors,
 )

@@ -294,8 +294,7 @@ def mixture(
         sigma = mission.transit_error(population.magnitude, excess_noise if KINDS[index] == "galaxies" else 0.0)
         if KINDS[index] == "stars" and star_error is not None:
             sigma = np.full(n, arguments.positive("star_error", star_error))
-        nans = np.full(n, np.nan)
-        redshift = nans if population.redshift is None else population.redshift
+        redshift = np.full(n, np.nan) if population.redshift is None else population.redshift
         rows.append((population.lon, population.lat, sigma, population.magnitude, redshift, np.full(n, index)))
     mixed = Mixture(*(np.concatenate(column) for column in zip(*rows, strict=True)))
     arguments.float_array("sigma", mixed.sigma)

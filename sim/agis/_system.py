@@ -670,5 +670,4 @@ def _constraint_terms(equations, x):
 
 def _largest_update(history, sigma):
     """Largest motion of a low degree in formal errors in the last iterations, at most."""
-    window = np.array(history[-REST - 1 :])
-    return float(np.max(np.ptp(window, axis=0) / sigma))
+    return float(np.max(np.ptp(history[-REST - 1 :], axis=0) / sigma))

@@ -159,8 +159,7 @@ def _response(chunks, span, options):
 
 def _nominal_law(chunks, start, years, gaps):
     """A nominal law whose axis is, at the first transit, where it was seen: r × m of the scan."""
-    earliest_chunk = min(chunks, key=lambda chunk: chunk.time.min())
-    axis, time = _axes(earliest_chunk)
+    axis, time = _axes(min(chunks, key=lambda chunk: chunk.time.min()))
     k = int(np.argmin(time))
     longitude, _ = sim.scanning.sun_position(start, np.zeros(1))
     east = np.array([-np.sin(longitude[0]), np.cos(longitude[0]), 0.0])

@@ -118,8 +118,7 @@ def _width(cells):
 
 
 def _tabular(cells, title, name):
-    columns = list(zip(*cells, strict=True))
-    widths = [_width(column) for column in columns]
+    widths = [_width(column) for column in zip(*cells, strict=True)]
     align = "".join(
         f"p{{{width / 2.6:.1f}em}}" if width > _WORDS + 3 else "l" if k == 0 else "c" for k, width in enumerate(widths)
     )

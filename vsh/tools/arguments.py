@@ -71,8 +71,7 @@ def choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
     for choice in choices:
         if value is choice or (isinstance(value, (str, int)) and type(value) is type(choice) and value == choice):
             return value
-    text = ", ".join(map(repr, choices))
-    raise ParameterError(f"{name} must be one of {text}, not {value!r}")
+    raise ParameterError(f"{name} must be one of {', '.join(map(repr, choices))}, not {value!r}")
 
 
 def generator(rng: Any) -> np.random.Generator:

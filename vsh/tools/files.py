@@ -419,12 +419,12 @@ def format_of(path: PathName, known: Mapping[str, str] = WRITTEN) -> str:
 def table_of(
     columns: Mapping[str, Any], meta: dict[str, Any] | None = None, units: Mapping[str, str] | None = None
 ) -> Table:
-    """Return an astropy Table of named columns, with metadata and units."""
+    """Return an astropy Table of named columns, with metadata and units, in which µ may stand; "" is none."""
     from astropy.table import Table
 
     table = Table({name: np.asarray(values) for name, values in columns.items()}, meta=meta or {})
     for name, unit in (units or {}).items():
-        table[name].unit = unit
+        table[name].unit = unit.replace("µ", "u") or None
     return table
 
 

@@ -223,8 +223,7 @@ def _maximise_posterior(rows, prior, tails, s, values, max_steps=60):
 
 def _source_gradients(rows, values):
     """Compute Bᵀr of each source, (n, p), with B its design and r its residuals."""
-    residual = rows.rhs - rows.design @ values
-    products = rows.design * residual[:, None]
+    products = rows.design * (rows.rhs - rows.design @ values)[:, None]
     return np.add.reduceat(products, np.cumsum(rows.dims) - rows.dims, axis=0)
 
 

@@ -279,8 +279,7 @@ class StepSearch(FrameResult):
     def interval(self) -> tuple[float, float]:
         """Range of the most probable places with 68 % together, each half way to those beside it."""
         order = np.argsort(-self.probability, kind="stable")
-        count = np.searchsorted(np.cumsum(self.probability[order]), 0.68) + 1
-        indices = order[:count]
+        indices = order[: np.searchsorted(np.cumsum(self.probability[order]), 0.68) + 1]
         edges = np.r_[self.places[0], (self.places[1:] + self.places[:-1]) / 2, self.places[-1]]
         return float(edges[indices.min()]), float(edges[indices.max() + 1])
 

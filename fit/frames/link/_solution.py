@@ -323,8 +323,7 @@ class FrameTie(FrameResult, NamedSolution):
                 f"zero point {format_with_error(values[zero], sigma[zero], '+')} µas, scale "
                 f"{format_with_error(1 + values[scale], sigma[scale])} ({catalogue} relative to {self.reference})"
             )
-            label = f"parallaxes, {catalogue}" if several else "parallaxes"
-            lines.append((label, text))
+            lines.append((f"parallaxes, {catalogue}" if several else "parallaxes", text))
         for step in steps:
             p_value, *p_values = self.jump_p_values(step)
             phrases = [

@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 from fit.results.output._files import draw_figures, latex_of, sources_table, write_correlation, write_tables
 from fit.results.output._text import (
-    WIDTH,
     answer_of,
     cell,
     cross_check_sections,

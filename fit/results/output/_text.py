@@ -173,8 +173,7 @@ def vectors_table(solution: Any) -> Table:
     products = ("cov_xy", "cov_xz", "cov_yz")
     heads = (*components, *products, *lengths, *angles, "p_value")
     values = np.array(rows, float).reshape(-1, len(heads)).T
-    unit = solution.unit.replace("µ", "u")  # as astropy writes it
-    units = dict.fromkeys((*components, *lengths), unit) | dict.fromkeys(products, square_of(unit))
+    units = dict.fromkeys((*components, *lengths), solution.unit) | dict.fromkeys(products, square_of(solution.unit))
     units |= dict.fromkeys(angles, "deg")
     meta = {
         "frame": solution.frame,
@@ -191,7 +190,7 @@ def vectors_table(solution: Any) -> Table:
         meta |= dict(zip(("mean", "mean_error"), solution.mean, strict=True))
     columns = {"name": np.array(list(vectors), str)} | dict(zip(heads, values, strict=True))
     columns["detected"] = np.array([is_seen(v) for v in vectors.values()], bool)
-    return tables.table_of(columns, meta, {name: unit_text for name, unit_text in units.items() if unit_text})
+    return tables.table_of(columns, meta, units)
 
 
 def powers_table(solution: Any) -> Table:
@@ -200,12 +199,11 @@ def powers_table(solution: Any) -> Table:
     numbers = ("power", "debiased", "error", "p_value", "z", "mk_z")
     columns = {"kind": np.array([d.kind for d in degrees]), "l": np.array([d.l for d in degrees])}
     columns |= {name: np.array([getattr(d, name) for d in degrees], float) for name in numbers}
-    unit = square_of(solution.unit.replace("µ", "u"))
-    return tables.table_of(columns, {"frame": solution.frame}, dict.fromkeys(numbers[:3], unit) if unit else {})
+    return tables.table_of(columns, {"frame": solution.frame}, dict.fromkeys(numbers[:3], square_of(solution.unit)))
 
 
 def square_of(unit: str) -> str:
-    """Square a unit as astropy writes it: uas2 / yr2."""
+    """Square a unit: µas2 / yr2."""
     return " / ".join(f"{factor.strip()}2" for factor in unit.split("/")) if unit else ""
 
 
@@ -417,7 +415,7 @@ def _errors_table(solution):
     vectors = vectors_of(solution)
     columns = {"vector": list(vectors)}
     columns |= {f"error {axis}": [vector.sigma[k] for vector in vectors.values()] for k, axis in enumerate("xyz")}
-    return tables.table_of(columns, {}, {f"error {axis}": solution.unit.replace("µ", "u") for axis in "xyz"})
+    return tables.table_of(columns, {}, {f"error {axis}": solution.unit for axis in "xyz"})
 
 
 def _noise_powers(solution):

@@ -33,8 +33,7 @@ class CompiledPasses:
         indices = np.linspace(0, len(scans) - 1, PARTS + 1).astype(int)[1:-1] if len(scans) else []
         edges = np.unique(np.r_[0, scans.knot[indices], scans.intervals].astype(int))
         self.knots = list(pairwise(edges))
-        bounds = np.searchsorted(scans.knot, edges)
-        self.bounds = list(pairwise(bounds.tolist()))
+        self.bounds = list(pairwise(np.searchsorted(scans.knot, edges).tolist()))
 
     def _kernel_arguments(self, chunk=slice(None)):
         """Arguments of the kernels for some transits, which they count from zero."""

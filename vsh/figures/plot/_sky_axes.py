@@ -364,8 +364,7 @@ def draw_matrix(axes: Axes, matrix: FloatArray, names: Sequence[str], groups: Se
         for line in (axes.axhline, axes.axvline):
             line(i - 0.5, color="0.4" if heavy else "0.6", linewidth=0.8 if heavy else 0.25 if k <= 60 else 0.1)
     if k > NAMED and starts:
-        ends = [*starts, k]
-        middles = [(a + b - 1) / 2 for a, b in pairwise(ends)]
+        middles = [(a + b - 1) / 2 for a, b in pairwise([*starts, k])]
         labels = [groups[i] for i in starts]
         # The first of each kind, degree 1, and of the others those that do not lie on the one before.
         indices: list[int] = []
@@ -457,8 +456,7 @@ def plot_map(
     axes = sky_axes(frame, ax, below=0.45 + 0.14 * lines)
     if np.isnan(np.asarray(values, float)).any():
         axes.set_facecolor("0.87")
-    image = draw_map(axes, values, cmap, **style)
-    colour_bar(axes, image, label, extend=extend)
+    colour_bar(axes, draw_map(axes, values, cmap, **style), label, extend=extend)
     if title:
         axes.set_title(title)
     return axes

@@ -5,7 +5,6 @@ from vsh.io.archive._queries import (
     ASTROMETRY,
     DR3,
     DR4,
-    EDR3,
     GAIA_CRF3,
     GAIA_DR3_GALAXIES,
     GAIA_EDR3_QSO,

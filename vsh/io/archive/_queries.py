@@ -240,15 +240,12 @@ def make_upload(source: Any) -> tuple[bytes, bool]:
     is_text = isinstance(source, (str, Path)) and Path(source).suffix.lower() in _TEXTS
     table = None if is_text else tables.open_table(source)
     if table is None or "source_id" in table.names:
-        columns = {"source_id": np.array(read_ids(source), np.int64)}
-        return _as_votable(columns), True
-    missing = {"ra", "dec"} - set(table.names)
-    if missing:
+        return _as_votable({"source_id": np.array(read_ids(source), np.int64)}), True
+    if {"ra", "dec"} - set(table.names):
         raise ArchiveError(
             f"{table.label} has neither source_id nor ra and dec: the table has {', '.join(table.names[:50])}"
         )
-    names = [name for name in ("name", "ra", "dec") if name in table.names]
-    block = table.columns(names)
+    block = table.columns([name for name in ("name", "ra", "dec") if name in table.names])
     if any(mask is not None and mask.any() for _, mask in block.values()):
         raise ArchiveError(f"{table.label}: positions or names are missing")
     return _as_votable({name: np.asarray(values) for name, (values, _) in block.items()}), False

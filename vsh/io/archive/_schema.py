@@ -116,11 +116,9 @@ def _tables_by_alias(adql, schema):
 
 def _missing_names(adql, schema, table_columns, names):
     """Names of a query that a schema lacks, with the nearest ones; `names` are those of its tables."""
-    absent: list[tuple[str, str | None]] = []
     aliases = _tables_by_alias(adql, schema)
-    for table in dict.fromkeys(aliases.values()):
-        if table not in table_columns:
-            absent.append((table, _nearest(table, names)))
+    unknown_tables = [table for table in dict.fromkeys(aliases.values()) if table not in table_columns]
+    absent: list[tuple[str, str | None]] = [(table, _nearest(table, names)) for table in unknown_tables]
     for alias, column in dict.fromkeys(_ALIASED.findall(adql)):
         table = aliases.get(alias, "")
         if table in table_columns and column.lower() not in table_columns[table]:

@@ -114,9 +114,10 @@ def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str
         answer = f"columns={set_name!r} (--columns {set_name})" if fits else proposal
         raise TableError(f"{source.label}: {missing_column(name, source)}{remark}. Say which it is: {answer}")
     if twins := [name for name in column_names.values() if name in source.twins]:
+        role = next(role for role, column in column_names.items() if column == twins[0])
         raise TableError(
             f"{source.label}: several columns are called {', '.join(map(repr, twins))}, and which is meant cannot be "
-            f"told. Rename all but one, or name the second: --columns {shlex.quote(_role_of(twins[0], column_names))}="
+            f"told. Rename all but one, or name the second: --columns {shlex.quote(role)}="
             f"{shlex.quote(twins[0] + '_2')}"
         )
     if set_name:
@@ -143,11 +144,6 @@ def _propose(absent, column_names, source):
     pairs = {name: ",".join(f"{a}={b}" for a, b in mapping.items()) for name, mapping in options.items()}
     shell = " ".join(f"--{name} {shlex.quote(text)}" for name, text in pairs.items())
     return f"{python} ({shell})" + (", or another unit" if "units" in options else "")
-
-
-def _role_of(name, column_names):
-    """The first role that a column has."""
-    return next(role for role, column in column_names.items() if column == name)
 
 
 def _notes_on_flags(role, names, source):
@@ -305,8 +301,8 @@ def conversion_factors(
     for role in [role for role in (*REQUIRED, *FURTHER_UNITS) if role in column_of]:
         name, target = column_of[role], UNITS.get(role, FURTHER_UNITS.get(role))
         unit = unit_of(name, units, source)
-        if role == "ra":
-            unit = _as_hour_angle(unit)
+        if role == "ra" and str(unit).strip().lower() in ("h", "hr", "hour", "hours"):
+            unit = "hourangle"
         if unit is not None:
             role_factors[role] = _factor_of_role(role, name, unit, target, name in units)
         elif role in _UNIT_OF and (unit := unit_of(column_of[_UNIT_OF[role]], units, source)) is not None:
@@ -370,11 +366,6 @@ def notes_on_units(column_of: Mapping[str, str], units: Mapping[str, Any]) -> li
     return [CodedNote(f"proper motions and errors are in different units: is that so? ({listing})", ASSUMED_UNITS)]
 
 
-def _as_hour_angle(unit):
-    """The unit of a right ascension: hours are those of an angle."""
-    return "hourangle" if str(unit).strip().lower() in ("h", "hr", "hour", "hours") else unit
-
-
 def _factor_of_role(role, name, unit, target, from_user):
     """The factor of a column that may be a pure number, a magnitude or a distance."""
     try:
@@ -396,7 +387,7 @@ def _factor_of_role(role, name, unit, target, from_user):
             f"{shlex.quote(f'{name}=km/s')}; or say which column has redshifts (--columns {role}=NAME)"
         )
     elif role in ("distance", "distance_error"):
-        if _is_modulus(astropy_unit):
+        if astropy_unit == u.mag or isinstance(astropy_unit, u.MagUnit):
             if from_user:
                 return MODULUS
             raise TableError(
@@ -415,10 +406,6 @@ def _factor_of_role(role, name, unit, target, from_user):
 _NO_UNIT = ("none", "-", "--", "---", "unitless", "dimensionless", "null", "n/a")
 #: In place of a factor: a distance modulus with its error, both in mag.
 MODULUS = -1.0
-
-
-def _is_modulus(astropy_unit):
-    return astropy_unit == u.mag or isinstance(astropy_unit, u.MagUnit)
 
 
 def convert_modulus(columns: dict[str, Any]) -> list[str]:

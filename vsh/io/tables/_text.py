@@ -646,8 +646,7 @@ def _vlbi_table(label, rows, sources, mas, in_heading, described):
             "multiplied by it",
             *([f"{n_blank} sources have errors and no correlation, which was taken as zero"] if n_blank else []),
         )
-    table = replace(open_dict_or_array(columns), label=label, units=units)
-    return replace(table, notes=notes)
+    return replace(open_dict_or_array(columns), label=label, units=units, notes=notes)
 
 
 def _errors_of_all(label, rows, words):
