@@ -16,7 +16,7 @@ from vsh.commands import finishing, parsing, reading, running
 from vsh.io.sections import Answer, Section
 from vsh.tools.digits import format_three_digits, format_with_error, printed_p_value
 from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError, VshError
-from vsh.tools.notes import count_dropped, count_unselected, has_code
+from vsh.tools.notes import DOUBT, count_dropped, count_unselected, has_code
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -493,8 +493,9 @@ _PUBLISHED = 67.0, 73.0
 
 
 def _answer_lines(results):
-    """The lines to quote: H0, our velocity, whether the dipole changes with redshift, and what errors leave out."""
-    lines = []
+    """The lines to quote: what is doubtful, H0, our velocity, whether the dipole changes, and what errors leave out."""
+    notes = dict.fromkeys(note for result in results.values() for note in getattr(result, "notes", ()))
+    lines = [("doubt", str(note).removeprefix("warning: ")) for note in notes if has_code(note, DOUBT)]
     estimates = {name: results[name] for name in ("velocity", "hubble") if name in results}
     factor = max([1.0, *(estimate.quality.factor for estimate in estimates.values())])
     results = results | {
@@ -515,10 +516,9 @@ def _answer_lines(results):
     elif "bins" in results and len(results["bins"]) > 1:
         text = "a change with redshift is not tested, because systematic errors are not included: add --floor"
         lines.append(("dipole", text))
-    notes = [note for result in results.values() for note in getattr(result, "notes", ())]
     from fit.secular_parallax import WITH_GROUP
 
-    lines += [("assumed", str(note)) for note in dict.fromkeys(notes) if has_code(note, WITH_GROUP)]
+    lines += [("assumed", str(note)) for note in notes if has_code(note, WITH_GROUP)]
     if factor > 1:
         lines.append(
             ("scaled", f"errors of velocity and H0 here are {factor:.3g} times those below, as residuals suggest")

@@ -343,3 +343,13 @@ def test_local_group_is_the_default_of_a_real_catalogue(tmp_path, capsys):
     assert texts[0] == texts[1] != texts[2]
     assert "too low by about its error" in texts[2]
     assert "too low by about its error" not in texts[0]
+
+
+def test_distances_that_contradict_redshifts_are_doubted_first(path, tmp_path, capsys):
+    table = Table.read(path)
+    table["distance"] = 3e5 * np.asarray(table["redshift"]) / 70 / 1000  # kpc that lost their unit
+    table["distance_error"] = 0.1 * table["distance"]
+    table.write(tmp_path / "kpc.fits")
+    columns = "distance=distance,distance_error=distance_error"
+    assert main([str(tmp_path / "kpc.fits"), "--h0", "67.4", "--columns", columns, "--units", "distance=Mpc,distance_error=Mpc"]) == 0
+    assert re.match(r"doubt +distances are 0\.00\d+ times", capsys.readouterr().out)
