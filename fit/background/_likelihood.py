@@ -197,14 +197,6 @@ class Amplitudes(InNotebook):
         gain = np.sum(first[:, None, None] ** 2 * squares / (1 + ratios), 2) + kept @ side**2
         return np.array([logdet, gain])
 
-    def alone(self, k: int) -> "Amplitudes":
-        """The likelihood of amplitude `k` with the coefficients of all other fields free."""
-        support = self.shares[k] > 0
-        matrix, rhs = self.matrix, self.rhs
-        if not support.all():
-            matrix, rhs, _ = eliminate(matrix, rhs, support, ~support)
-        return Amplitudes(matrix, rhs, self.shares[k : k + 1, support])
-
     def slopes(self, amplitudes: FloatArray) -> tuple[float, float, FloatArray, FloatArray]:
         """ln|K|, Q, and what they change by with each of the `amplitudes`, (k,)."""
         if self._eigen is not None:

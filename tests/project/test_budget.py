@@ -13,17 +13,18 @@ PACKAGES = ("vsh", "fit", "sim", "study")
 #: maintainers raises it, as when faults were mended at seventy places and 660 names made true (36 141
 #: before), when tables in LaTeX and reports were made to fit their page (36 429 before), when lists, files and chains
 #: that gave wrong numbers in trials by three users were mended (36 616 before), and so were marks of unknown redshifts,
-#: units that were lost, and copies in chains (35 372 before).
-TOTAL = 35_415
+#: units that were lost, and copies in chains (35 372 before), the covariance of solutions in SINEX, templates of numbers,
+#: rows of CCDs, and what a trial of these found (35 415 before).
+TOTAL = 35_498
 #: Lines of code (no docstrings, comments or blank lines) that a room may have.
 BUDGET = {
-    "fit": 611, "fit/background": 1880, "fit/commands": 1475, "fit/correlation": 541, "fit/distances": 711,
-    "fit/frames": 2050, "fit/in_time": 413, "fit/motions": 638, "fit/normal": 990, "fit/pairs": 479,
-    "fit/posterior": 1552, "fit/redshift": 755, "fit/results": 1600, "fit/robust": 685,
-    "fit/secular_parallax": 1216, "fit/waves": 378, "sim": 701, "sim/agis": 1699, "sim/commands": 314,
-    "sim/gaia": 480, "sim/scanning": 416, "sim/signal": 362, "study": 0, "study/commands": 305,
-    "study/forecast": 348, "study/referee": 940, "vsh": 1607, "vsh/commands": 1517, "vsh/figures": 1052,
-    "vsh/io": 6574, "vsh/models": 972, "vsh/sky": 437, "vsh/tools": 1717,
+    "fit": 611, "fit/background": 1892, "fit/commands": 1477, "fit/correlation": 538, "fit/distances": 705,
+    "fit/frames": 2069, "fit/in_time": 413, "fit/motions": 638, "fit/normal": 990, "fit/pairs": 482,
+    "fit/posterior": 1556, "fit/redshift": 759, "fit/results": 1598, "fit/robust": 683,
+    "fit/secular_parallax": 1210, "fit/waves": 392, "sim": 700, "sim/agis": 1694, "sim/commands": 314,
+    "sim/gaia": 481, "sim/scanning": 416, "sim/signal": 362, "study": 0, "study/commands": 304,
+    "study/forecast": 347, "study/referee": 940, "vsh": 1605, "vsh/commands": 1517, "vsh/figures": 1059,
+    "vsh/io": 6609, "vsh/models": 972, "vsh/sky": 449, "vsh/tools": 1716,
 }  # fmt: skip
 _NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENCODING,

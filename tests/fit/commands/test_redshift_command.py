@@ -351,5 +351,18 @@ def test_distances_that_contradict_redshifts_are_doubted_first(path, tmp_path, c
     table["distance_error"] = 0.1 * table["distance"]
     table.write(tmp_path / "kpc.fits")
     columns = "distance=distance,distance_error=distance_error"
-    assert main([str(tmp_path / "kpc.fits"), "--h0", "67.4", "--columns", columns, "--units", "distance=Mpc,distance_error=Mpc"]) == 0
+    assert (
+        main(
+            [
+                str(tmp_path / "kpc.fits"),
+                "--h0",
+                "67.4",
+                "--columns",
+                columns,
+                "--units",
+                "distance=Mpc,distance_error=Mpc",
+            ]
+        )
+        == 0
+    )
     assert re.match(r"doubt +distances are 0\.00\d+ times", capsys.readouterr().out)

@@ -11,7 +11,7 @@ import numpy as np
 from vsh.io.tables._source import TableSource, open_dict_or_array
 from vsh.io.tables._text import open_lines
 from vsh.tools.errors import TableError
-from vsh.tools.types import PathName
+from vsh.tools.types import FloatArray, PathName
 
 _KINDS = ("RS_RA", "RS_DE")
 #: From radians. [mas]
@@ -84,7 +84,8 @@ def _matrix_of(blocks, indices, places, errors):
     kind = title.split()[-1] if title else ""
     if kind not in ("COVA", "CORR", "INFO") or len(indices) > 2 * _MOST:
         return None
-    at, matrix = {index: place for place, index in enumerate(indices)}, np.zeros((len(indices), len(indices)))
+    at = {index: place for place, index in enumerate(indices)}
+    matrix: FloatArray = np.zeros((len(indices), len(indices)))
     for line in blocks[title]:
         row, first, *numbers = line.split()
         for column, text in enumerate(numbers, int(first)):
