@@ -86,7 +86,7 @@ def plot_cross(powers: Any, *, ax: Axes | None = None) -> Axes:
 def plot_shared(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Spin and acceleration of each class, component by component, with their errors; all together at the bottom.
 
-    Of one class with templates, the amplitudes of these.
+    A single class with templates shows the amplitudes of these.
     """
     labels, solutions = list(classes.labels), classes.solutions
     if len(classes) == 1 and classes.templates:

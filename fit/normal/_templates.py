@@ -179,7 +179,7 @@ class Template(Frozen):
     def fields(self, modes: Modes, frame: str) -> list[TemplateField]:
         """The motions that it may cause: along its slope and across of a map, as they are of coefficients.
 
-        Of numbers it is the map itself.
+        Numbers follow the map itself.
 
         Parameters
         ----------
