@@ -269,4 +269,6 @@ def test_masks_beside_columns_and_zeros_are_missing_values(tmp_path):
 def test_formulas_keep_the_unit(formula):
     with pytest.raises(TableError, match="is not in mas"):
         read_scalars(scalars_table(), formula)
-    np.testing.assert_allclose(read_scalars(scalars_table(), "2*parallax - parallax").values, 1000 * scalars_table()["parallax"])
+    np.testing.assert_allclose(
+        read_scalars(scalars_table(), "2*parallax - parallax").values, 1000 * scalars_table()["parallax"]
+    )

@@ -77,7 +77,9 @@ def test_latex_in_other_styles(solution):
             assert "Acceleration: " in text
             assert text.count(r"\begin") == text.count(r"\end{")
             assert not set("µ±χ°αδσ") & set(text)
-    assert re.search(r"\\num\[separate-uncertainty, retain-explicit-plus\]\{[+-]\d+\.\d+ \+- \d+\.\d+\}", solution.latex("siunitx"))
+    assert re.search(
+        r"\\num\[separate-uncertainty, retain-explicit-plus\]\{[+-]\d+\.\d+ \+- \d+\.\d+\}", solution.latex("siunitx")
+    )
     with pytest.raises(ParameterError, match="style"):
         solution.latex("word")
 
