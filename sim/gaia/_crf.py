@@ -196,7 +196,7 @@ def _simulate_catalogue(rng, signal, n_five, n_six, release, traps):
     }
     transit_columns = {name: values[pixel] for name, values in scan_columns(transits, 12 * _NSIDE**2).items()}
     del photometry["nu"]
-    meta = {"REFEPOCH": 2016.0, "RELEASE": "simulated Gaia-CRF3"}
+    meta = {"REFEPOCH": 2016.0, "RELEASE": "simulated Gaia-CRF3", "PLX_UAS": 1000 * ZERO_POINT}
     return tables.table_of(columns | transit_columns | photometry, meta, _CRF3_UNITS)
 
 

@@ -241,6 +241,9 @@ def test_parallaxes_in_a_unit_that_was_lost_are_doubted():
     assert_allclose(read_scalars(joined, "parallax_1").sigma, 17.0**2)
     units = dict.fromkeys(("parallax", "parallax_error"), "uas")
     assert not any("is the unit right" in note for note in read_scalars(lost, units=units).notes)
+    assert any("errors are below 0.3" in note for note in read_scalars(table, units=units).notes)
+    units = dict.fromkeys(("parallax", "parallax_error"), "arcsec")
+    assert any("are above 3e+05 µas" in note for note in read_scalars(table, units=units).notes)
 
 
 def scalars_table(n=300, seed=3):

@@ -59,8 +59,9 @@ from vsh.vector import Vector
 _LOG = getLogger(__name__)
 #: Columns that tables of epoch astrometry have, a row a transit or a source, in either of DPAC's spellings.
 _EPOCHS = {"obstimetcb", "centroidposal"}
-#: Parallaxes of quasars and their errors are smaller than this in the median, in any unit but a wrong one. [µas]
-_LARGE_PARALLAX = 1e4
+#: Parallaxes of quasars and their errors are smaller than this in the median, in any unit but a wrong one, and errors
+#: of no survey are below the other. [µas]
+_LARGE_PARALLAX, _SMALL_ERROR = 1e4, 1.0
 #: The place of a row in its table, beside its columns.
 _ROW = "row of the table"
 
@@ -659,10 +660,14 @@ def read_scalars(
     )
     unit = "µas" if target == parse_unit("uas") else target.to_string()
     numbers = field.motion[0], field.sigma[0]
-    middle = max(float(np.median(np.abs(each))) for each in numbers) if len(field) else 0.0
-    if unit == "µas" and middle > _LARGE_PARALLAX:
-        text = f"warning: half of the values, or of their errors, are above {middle:.3g} µas: is the unit right"
-        notes.append(CodedNote(f"{text} in which {', '.join(map(printable, used))} were taken (--units)?", DOUBT))
+    is_parallax = unit == "µas" or ("parallax" in first.lower() and target.is_equivalent(parse_unit("uas")))
+    if is_parallax and len(field):
+        value_size, error_size = (target.to(parse_unit("uas")) * float(np.median(np.abs(each))) for each in numbers)
+        largest = max(value_size, error_size)
+        doubt = f"values, or of their errors, are above {largest:.3g}" if largest > _LARGE_PARALLAX else ""
+        if doubt := doubt or (f"errors are below {error_size:.3g}" if error_size < _SMALL_ERROR else ""):
+            text = f"warning: half of the {doubt} µas: is the unit right in which {', '.join(map(printable, used))}"
+            notes.append(CodedNote(f"{text} were taken (--units)?", DOUBT))
     return ScalarField(field.lon, field.lat, *numbers, unit, field.name, field.frame, (*notes, *field.notes))
 
 

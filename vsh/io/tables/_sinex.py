@@ -96,7 +96,7 @@ def _matrix_of(blocks, indices, places, errors):
     if missing := int((matrix.diagonal()[places] == 0).sum()):  # zeros may be left out, and no variance is one
         raise ValueError(f"the matrix lacks {missing} of {len(places)} diagonal elements: it is cut")
     if kind == "INFO":
-        matrix = np.linalg.inv(matrix)
+        matrix = np.asarray(np.linalg.inv(matrix), float)
     elif kind == "CORR":  # whose diagonal may hold the errors
         np.fill_diagonal(matrix, 1.0)
         matrix *= errors * errors[:, None]
