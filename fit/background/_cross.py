@@ -18,7 +18,7 @@ from vsh.tools.types import Axes, FloatArray, Table
 _SEEN = 3.0
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class CrossPowers(Result):
     """Projection of a solution of motions or of numbers on each template, separately for each degree.
 
@@ -116,10 +116,10 @@ def cross_powers(
                 rows.append(at / size)
     row = np.array(rows)
     return CrossPowers(
-        tuple(names),
-        np.array(degrees),
-        row @ solution.values,
-        np.sqrt(np.einsum("nk,kl,nl->n", row, solution.covariance, row)),
-        np.sqrt(np.einsum("nk,kl,nl->n", row, total_covariance, row)),
-        solution.unit,
+        templates=tuple(names),
+        degrees=np.array(degrees),
+        values=row @ solution.values,
+        errors=np.sqrt(np.einsum("nk,kl,nl->n", row, solution.covariance, row)),
+        errors_with_floor=np.sqrt(np.einsum("nk,kl,nl->n", row, total_covariance, row)),
+        unit=solution.unit,
     )

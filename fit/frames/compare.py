@@ -564,7 +564,7 @@ def _covariance_of(catalogues, sources):
 
 
 def _solve_with_covariance(fitted, modes, covariance):
-    """The fit with errors that sources share, larger where χ² asks for it."""
+    """The fit with a covariance between sources, with larger errors where χ² asks for it."""
     solution = fit_field(fitted, modes, covariance=covariance)
     scaled = solution.scaled if solution.quality.factor > 1 else solution
     return replace(scaled, errors_from=scaled.errors_from.replace("the catalogue", "the covariance between sources"))
@@ -598,7 +598,7 @@ def _solve_by_method(fitted, modes, method, replicates, rng):
 def _add_floor(comparison, fitted, floor, replicates, rng, covariance):
     """The comparison with systematic errors in its errors, or its size beside them.
 
-    The size is added to errors that sources share: those of `shared` know none of them.
+    The size is added to a covariance between sources, of which `shared` knows nothing.
     """
     if covariance is not None and floor:
         floor = None

@@ -33,7 +33,7 @@ def open_sinex(path: PathName, label: str) -> TableSource:
         number = {(row[2], row[1]): k for k, row in enumerate(estimates) if row[1] in _KINDS}
         errors = np.array([_number(row[-1]) for row in estimates])
         places = [number[code, kind] for kind in _KINDS for code in codes]
-        matrix = _matrix_of(blocks, [int(row[0]) for row in estimates], places, errors)
+        matrix = _matrix_of(label, blocks, [int(row[0]) for row in estimates], places, errors)
     except (KeyError, IndexError, ValueError, np.linalg.LinAlgError) as error:
         reason = f"it has no block {error}" if isinstance(error, KeyError) else f"none, or a damaged one ({error})"
         raise TableError(f"{label} is no solution of positions (RS_RA, RS_DE) in SINEX: {reason}") from None
@@ -78,7 +78,7 @@ def _number(text):
     return float(text.upper().replace("D", "E"))
 
 
-def _matrix_of(blocks, indices, places, errors):
+def _matrix_of(label, blocks, indices, places, errors):
     """Covariance of the estimates at `places` among those with `indices`; None where the file has no matrix. [rad²]"""
     title = next((name for name in blocks if name.startswith("SOLUTION/MATRIX_ESTIMATE")), "")
     kind = title.split()[-1] if title else ""
@@ -90,11 +90,11 @@ def _matrix_of(blocks, indices, places, errors):
         row, first, *numbers = line.split()
         for column, text in enumerate(numbers, int(first)):
             if int(row) not in at or column not in at:
-                raise ValueError(f"the matrix has an element ({row}, {column}) of no estimate")
+                raise TableError(f"{label}: the matrix has an element ({row}, {column}) of no estimate")
             i, j = at[int(row)], at[column]
             matrix[i, j] = matrix[j, i] = _number(text)
     if missing := int((matrix.diagonal()[places] == 0).sum()):  # zeros may be left out, and no variance is one
-        raise ValueError(f"the matrix lacks {missing} of {len(places)} diagonal elements: it is cut")
+        raise TableError(f"{label}: the matrix lacks {missing} of {len(places)} diagonal elements: it is cut")
     if kind == "INFO":
         matrix = np.asarray(np.linalg.inv(matrix), float)
     elif kind == "CORR":  # whose diagonal may hold the errors
@@ -102,5 +102,5 @@ def _matrix_of(blocks, indices, places, errors):
         matrix *= errors * errors[:, None]
     matrix = matrix[np.ix_(places, places)]
     if not (matrix.diagonal() > 0).all():
-        raise ValueError("the matrix has variances that are not positive")
+        raise TableError(f"{label}: the matrix has variances that are not positive")
     return matrix
