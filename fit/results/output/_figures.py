@@ -117,7 +117,7 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     if solution.modes.lowest == 0:
         value, error = solution.mean
         mean = f"mean {format_with_error(value, error, '+')} {solution.unit}".replace("-", "−")
-    legend_above(axes, 4 if mean else 3, handles=handles, title=mean, alignment="left")
+    legend_above(axes, 2, handles=handles, title=mean, alignment="left")
     return axes
 
 

@@ -109,8 +109,8 @@ def draw_key(axes: SkyAxes, largest: float, unit: str, longest: float = LONGEST)
     share = np.radians(longest) / (2 * PROJECTIONS[axes.projection_name][1]) * length / largest
     axes.annotate(
         "",
-        (share, 0.03),
-        (0.0, 0.03),
+        (share, 0.055),
+        (0.0, 0.055),
         xycoords="axes fraction",
         arrowprops={
             "arrowstyle": "-|>,head_width=0.12,head_length=0.25",
@@ -122,7 +122,7 @@ def draw_key(axes: SkyAxes, largest: float, unit: str, longest: float = LONGEST)
     )
     axes.text(
         0.0,
-        0.045,
+        -0.012,
         f"{length:g} {unit}",
         transform=axes.transAxes,
         fontsize=6,
