@@ -512,10 +512,12 @@ def compare_catalogues(
     shared_errors = [getattr(each, "covariance", None) is not None for each in (a, b)]
     covariance = None
     if any(shared_errors):
-        if method != "least-squares":
+        if method != "least-squares" or parameters != "degree":
+            what = method if method != "least-squares" else f"the {parameters} alone"
             raise ParameterError(
-                f"{method} weighs sources one by one, and {labels[shared_errors.index(True)]} has a covariance between "
-                'them: least squares uses it, method="least-squares" (--method least-squares)'
+                f"{what} weighs sources one by one, and {labels[shared_errors.index(True)]} has a covariance between "
+                'them: least squares of whole degrees uses it, method="least-squares", parameters="degree" '
+                "(--method least-squares --parameters degree)"
             )
         covariance = _covariance_of((a[pairs.a[selection]], b[pairs.b[selection]]), sources)
         formal = _solve_with_covariance(fitted, modes, covariance)
@@ -600,19 +602,14 @@ def _add_floor(comparison, fitted, floor, replicates, rng, covariance):
 
     The size is added to a covariance between sources, of which `shared` knows nothing.
     """
-    if covariance is not None and floor:
-        floor = None
-    if floor is None:
-        floor = len(fitted) >= MANY and covariance is None
-        if not floor and len(fitted) < FEW:
-            return comparison
-    elif not floor:
+    is_shared = covariance is None and (len(fitted) >= MANY if floor is None else floor)
+    if floor is False or (floor is None and not is_shared and len(fitted) < FEW):
         return comparison
     degree = as_modes(max(_DEGREE, comparison.solution.modes.lmax))
     normal = _solve_by_method(fitted, degree, comparison.method, replicates, rng) or normal_equations(
         fitted, degree, covariance=covariance
     )
-    if floor:
+    if is_shared:
         errors = shared([normal], range(2, _DEGREE + 1), labels=[" − ".join(comparison.labels)], rng=rng)
         return replace(comparison, shared=replace(errors, unit=comparison.solution.unit))
     with suppress(VshError):  # without noise, or on too little of the sky, there is none to be known

@@ -2,12 +2,13 @@
 
 import json
 import re
+import runpy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from astropy.table import Table
-from conftest import STUDY, few_or_many, random_field, real_catalogue
+from conftest import ROOT, STUDY, few_or_many, random_field, real_catalogue
 from scipy import stats
 
 import fit
@@ -472,19 +473,10 @@ def test_what_clipping_does_to_errors_is_done_where_they_are_rescaled():
     assert any(re.search(r"excess noise: (19|20)\d", note) for note in found.solution.notes)
 
 
-def with_shared_errors(seed, n=120):
-    """Two catalogues of one sky; sources of the first share an error of 80 µas of its axes, which its covariance has."""
-    rng = np.random.default_rng([11, seed])
-    lon, lat = sim.uniform_sky(n, rng)
-    rotations = np.array([sim.spin(axis)(lon, lat).ravel() for axis in 80.0 * np.eye(3)])
-    sigma = rng.uniform(30, 60, (2, n))
-    offsets = rng.normal(size=3) @ rotations + sigma.ravel() * rng.normal(size=2 * n)
-    east, north = offsets.reshape(2, n) * UAS
-    covariance = rotations.T @ rotations + np.diag(sigma.ravel() ** 2)
-    own = np.sqrt(np.diag(covariance)).reshape(2, n)
-    name = np.arange(n)
-    one = Positions(lon + east / np.cos(lat), lat + north, own, name=name, covariance=covariance)
-    return one, Positions(lon, lat, np.full((2, n), 10.0), name=name)
+def with_shared_errors(seed):
+    """Two catalogues of one sky, the first with an error of 80 µas of its axes that its covariance has."""
+    catalogues = runpy.run_path(str(ROOT / "benchmarks" / "covariance_between_sources.py"))["catalogues"]
+    return catalogues(np.random.default_rng([11, seed]))
 
 
 def test_errors_that_sources_share_are_those_of_the_covariance():
@@ -503,6 +495,8 @@ def test_errors_that_sources_share_are_those_of_the_covariance():
     assert (with_floor.best.spin.sigma > 0.9 * comparison.best.spin.sigma).all()
     with pytest.raises(ParameterError, match="A has a covariance between them"):
         compare_catalogues(one, two, 1, method="student")
+    with pytest.raises(ParameterError, match="the orientation alone .* A has a covariance between them"):
+        compare_catalogues(one, two, 1, parameters="orientation")
     with pytest.raises(ParameterError, match="compare two catalogues"):
         fit.chain.combine_frames({"one": one, "two": two, "three": two}, 1)
     order = np.random.default_rng(3).permutation(len(one))
