@@ -1,12 +1,16 @@
-"""A directive that runs commands when the pages are built, and shows what the last prints and one of its figures.
+"""Two directives: commands that run when the pages are built, and a sheet of all figures of the documentation.
 
 ```{sample} fit/sky.png
 vsh-sim quasars --number 5000 --output quasars.fits
 vsh-fit quasars.fits --output fit
 ```
+
+shows what the last of them prints and one of the figures. `{sheet}` shows every figure that a sample, an example or a
+tutorial has drawn, each linked to the page that draws it.
 """
 
 import hashlib
+import html
 import json
 import os
 import shlex
@@ -20,11 +24,14 @@ from typing import ClassVar
 
 from docutils import nodes
 from docutils.parsers.rst import directives
+from PIL import Image
 from sphinx.errors import ExtensionError
 from sphinx.util.docutils import SphinxDirective
 
 HERE = Path(__file__).parent
 KEPT = HERE / "_build" / "samples"
+#: What stands in the page of figures until they are drawn.
+SHEET = "<!-- all figures -->"
 
 
 class Sample(SphinxDirective):
@@ -40,19 +47,20 @@ class Sample(SphinxDirective):
 
     def run(self):
         commands = [line for line in self.content if line.strip()]
-        name = f"{Path(self.env.docname).name}.png"
+        name = Path(self.env.docname).name
         kept, record = KEPT / name, KEPT / f"{name}.json"
         key = hashlib.sha256("\n".join([_code(), *commands, *self.arguments]).encode()).hexdigest()
         known = json.loads(record.read_text(encoding="utf-8")) if record.exists() else {}
-        if known.get("key") != key or (self.arguments and not kept.exists()):
+        if known.get("key") != key or not kept.exists():
             with tempfile.TemporaryDirectory() as folder:
                 if "file" in self.options:
                     shutil.copy(Path(self.get_source_info()[0]).parent / self.options["file"], folder)
                 for command in commands:
                     printed = _printed(command, folder)
-                KEPT.mkdir(parents=True, exist_ok=True)
-                if self.arguments:
-                    shutil.copy(Path(folder, self.arguments[0]), kept)
+                shutil.rmtree(kept, ignore_errors=True)
+                kept.mkdir(parents=True)
+                for figure in Path(folder).rglob("*.png"):
+                    shutil.copy(figure, kept / _flat_name(figure.relative_to(folder)))
             known = {"key": key, "printed": printed}
             record.write_text(json.dumps(known), encoding="utf-8")
         lines = known["printed"].rstrip().splitlines()
@@ -61,8 +69,45 @@ class Sample(SphinxDirective):
         typed = nodes.literal_block("", "\n".join(f"$ {each}" for each in commands), language="console")
         output = nodes.literal_block("", "\n".join(text), language="text")
         alt = self.options.get("alt", "the figure that is written")
-        shown = [nodes.image(uri=f"/_build/samples/{name}", alt=alt)] if self.arguments else []
+        shown = [nodes.image(uri=f"/_build/samples/{name}/{_flat_name(figure)}", alt=alt) for figure in self.arguments]
         return [nodes.container("", typed, output, classes=["sample"]), *shown]
+
+
+class Sheet(SphinxDirective):
+    """The place of the thumbnails of all figures."""
+
+    def run(self):
+        return [nodes.raw("", f'<div class="sheet">{SHEET}</div>', format="html")]
+
+
+def _fill_sheet(app, error):
+    """Put thumbnails where the sheet is, when all pages have drawn their figures."""
+    page = Path(app.outdir, "figures.html")
+    if error is not None or app.builder.name != "html" or not page.exists():
+        return
+    drawn = [(path, f"commands/{path.parent.name}") for path in sorted(KEPT.glob("vsh-*/*.png"))]
+    drawn += [(path, "figures") for path in sorted(KEPT.glob("figures/*.png"))]
+    for path in sorted(
+        path for folder in ("gallery", "learn") for path in HERE.glob(f"{folder}/**/images/sphx_glr_*.png")
+    ):
+        script = path.name.removeprefix("sphx_glr_").rsplit("_", 1)[0]
+        drawn.append((path, (path.parents[1].relative_to(HERE) / script).as_posix()))
+    folder, cells = Path(app.outdir, "_images", "sheet"), []
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, (path, source) in enumerate(drawn):
+        with Image.open(path) as picture:
+            picture.thumbnail((440, 440))
+            picture.save(folder / f"{number}.png")
+        name = source.rsplit("/", 1)[-1]
+        alt = html.escape(f"{name}: {path.stem.removeprefix('sphx_glr_').replace('_', ' ')}")
+        cells.append(
+            f'<a href="{source}.html"><img src="_images/sheet/{number}.png" alt="{alt}" loading="lazy">{name}</a>'
+        )
+    page.write_text(page.read_text(encoding="utf-8").replace(SHEET, "\n".join(cells)), encoding="utf-8")
+
+
+def _flat_name(figure):
+    return "_".join(Path(figure).parts)
 
 
 @cache
@@ -90,4 +135,6 @@ def _printed(command, folder):
 def setup(app):
     """As Sphinx wants it."""
     app.add_directive("sample", Sample)
+    app.add_directive("sheet", Sheet)
+    app.connect("build-finished", _fill_sheet)
     return {"parallel_read_safe": True}
