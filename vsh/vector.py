@@ -23,10 +23,10 @@ SEEN = 0.0027
 
 
 def as_quantity(values: FloatArray, unit: str) -> Quantity:
-    """Numbers as astropy's Quantity; µ may stand in the unit."""
+    """Numbers as astropy's Quantity; the unit may have µ, and two strokes, which astropy warns of."""
     from astropy.units import Quantity
 
-    return Quantity(values, unit.replace("µ", "u"))
+    return Quantity(values, unit.replace("µ", "u").replace("/s/kpc", "/(s kpc)"))
 
 
 @dataclass(frozen=True, eq=False)
