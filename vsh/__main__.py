@@ -55,16 +55,16 @@ def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
     with guard_printing():
         from vsh.commands.parsing import parse
 
-        program = module_of(command)
-        options = parse(program, arguments)
+        module = module_of(command)
+        options = parse(module, arguments)
         signal.signal(signal.SIGINT, signal.default_int_handler)  # from here on `vsh.commands.running.guarded` sees it
-        status = program.run(options)
-    if number := getattr(options, "interrupted_by", None):  # a shell's loop ends where a signal ended its command
+        status = module.run(options)
+    if signal_number := getattr(options, "interrupted_by", None):  # a shell's loop ends where a signal ended a command
         atexit._run_exitfuncs()
         sys.stdout.flush()
         sys.stderr.flush()
-        signal.signal(number, signal.SIG_DFL)
-        os.kill(os.getpid(), number)
+        signal.signal(signal_number, signal.SIG_DFL)
+        os.kill(os.getpid(), signal_number)
     sys.exit(status)
 
 

@@ -41,7 +41,7 @@ def toroidal_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArra
     lon, lat = np.asarray(lon, float), np.asarray(lat, float)
     sin, cos = sin_cos(lat)
     turn_re, turn_im = cos_sin_multiples(lon, lmax)
-    values = np.empty((lmax * (lmax + 2), 2, lon.size))
+    basis = np.empty((lmax * (lmax + 2), 2, lon.size))
     row = 0
     for l, q, q_below in _legendre_over_cos(sin, cos, lmax):
         m = np.arange(1, l + 1)[:, None]
@@ -51,7 +51,7 @@ def toroidal_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArra
         b = (norm * -l) * (sin * q)
         if l > 1:
             b[:-1] += (norm[:-1] * np.sqrt((2 * l + 1) / (2 * l - 1) * (l * l - m[:-1] ** 2))) * q_below
-        block = values[row : row + 2 * l + 1]
+        block = basis[row : row + 2 * l + 1]
         np.multiply(cos, q[0], out=block[0, 0])  # dP̄_l0/dδ = √(l(l+1)) P̄_l1
         block[0, 1] = 0.0
         np.multiply(b, turn_re[:l], out=block[1::2, 0])
@@ -59,7 +59,7 @@ def toroidal_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArra
         np.multiply(b, -turn_im[:l], out=block[2::2, 0])
         np.multiply(a, turn_re[:l], out=block[2::2, 1])
         row += 2 * l + 1
-    return values
+    return basis
 
 
 def scalar_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArray:
@@ -70,34 +70,34 @@ def scalar_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArray:
     """
     lon, lat = np.asarray(lon, float), np.asarray(lat, float)
     sin, cos = sin_cos(lat)
-    values = np.empty(((lmax + 1) ** 2, lon.size))
-    values[0] = 1 / np.sqrt(4 * np.pi)
+    basis = np.empty(((lmax + 1) ** 2, lon.size))
+    basis[0] = 1 / np.sqrt(4 * np.pi)
     if lmax == 0:
-        return values
+        return basis
     turn_re, turn_im = cos_sin_multiples(lon, lmax)
     zonal, zonal_below = sin, np.ones_like(sin)  # P_l and P_l-1, not normalised
     for l, q, _ in _legendre_over_cos(sin, cos, lmax):
-        block = values[l * l : (l + 1) ** 2]
+        block = basis[l * l : (l + 1) ** 2]
         block[0] = np.sqrt((2 * l + 1) / (4 * np.pi)) * zonal
-        phase = 2 * (-1.0) ** np.arange(1, l + 1)[:, None]
-        np.multiply(phase * cos * q, turn_re[:l], out=block[1::2])
-        np.multiply(-phase * cos * q, turn_im[:l], out=block[2::2])
+        norm = 2 * (-1.0) ** np.arange(1, l + 1)[:, None]
+        np.multiply(norm * cos * q, turn_re[:l], out=block[1::2])
+        np.multiply(-norm * cos * q, turn_im[:l], out=block[2::2])
         zonal, zonal_below = ((2 * l + 1) * sin * zonal - l * zonal_below) / (l + 1), zonal
-    return values
+    return basis
 
 
 def _legendre_over_cos(sin, cos, lmax):
     """P̄_lm(sin δ) / cos δ degree by degree: yields l, its (l, n) array for m = 1 … l, and that of l - 1."""
-    below, q = np.empty((0, sin.size)), np.full((1, sin.size), np.sqrt(3 / (8 * np.pi)))
+    q_below, q = np.empty((0, sin.size)), np.full((1, sin.size), np.sqrt(3 / (8 * np.pi)))
     for l in range(1, lmax + 1):
-        yield l, q, below
+        yield l, q, q_below
         if l == lmax:
             return
         n, m = l + 1, np.arange(1, l + 1)[:, None]
         q_above = np.empty((n, sin.size))
         np.multiply(sin, q, out=q_above[:-1])
-        q_above[: l - 1] -= np.sqrt((l * l - m[:-1] ** 2) / (4 * l * l - 1)) * below
+        q_above[: l - 1] -= np.sqrt((l * l - m[:-1] ** 2) / (4 * l * l - 1)) * q_below
         q_above[:-1] *= np.sqrt((4 * n * n - 1) / (n * n - m * m))
         # (m, m) from (m - 1, m - 1), and it alone brings a factor cos δ.
         q_above[-1] = np.sqrt((2 * l + 3) / (2 * l + 2)) * cos * q[-1]
-        below, q = q, q_above
+        q_below, q = q, q_above

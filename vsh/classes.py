@@ -94,31 +94,31 @@ class Classes(InNotebook):
         """
         if not len(edges) or not (np.diff(edges) > 0).all():
             raise ParameterError(f"edges of classes are numbers that rise, not {edges!r}")
-        below, greater_sign = ("<", ">=") if closed == "left" else ("<=", ">")
-        after = "<=" if closed == "left" else "<"
+        upper_sign, greater_sign = ("<", ">=") if closed == "left" else ("<=", ">")
+        lower_sign = "<=" if closed == "left" else "<"
 
-        def intervals(texts):
-            inner = [f"{lower} {after} {name} {below} {upper}" for lower, upper in pairwise(texts)]
-            every = (f"{name} {below} {texts[0]}", *inner, f"{name} {greater_sign} {texts[-1]}")
-            return every if ends else every[1:-1]
+        def format_intervals(texts):
+            inner = [f"{lower} {lower_sign} {name} {upper_sign} {upper}" for lower, upper in pairwise(texts)]
+            interval_texts = (f"{name} {upper_sign} {texts[0]}", *inner, f"{name} {greater_sign} {texts[-1]}")
+            return interval_texts if ends else interval_texts[1:-1]
 
-        texts = [_in_full(edge) for edge in edges]
-        near = 1e-3 * min(np.diff(edges), default=0.0)
-        written = [[f"{edge:.{digits}g}" for digits in (4, 7, 10)] for edge in edges]
+        texts = [_format_in_full(edge) for edge in edges]
+        tolerance = 1e-3 * min(np.diff(edges), default=0.0)
+        rounded_texts = [[f"{edge:.{digits}g}" for digits in (4, 7, 10)] for edge in edges]
         short = [
-            text if len(text) <= 8 else next((t for t in choices if abs(float(t) - edge) <= near), text)
-            for text, choices, edge in zip(texts, written, edges, strict=True)
+            text if len(text) <= 8 else next((t for t in candidates if abs(float(t) - edge) <= tolerance), text)
+            for text, candidates, edge in zip(texts, rounded_texts, edges, strict=True)
         ]
-        conditions = intervals(texts)
-        labels = intervals(short if len({*short}) == len(short) else texts)  # quantiles have sixteen digits
+        conditions = format_intervals(texts)
+        labels = format_intervals(short if len({*short}) == len(short) else texts)  # quantiles have sixteen digits
         labels = tuple(label.replace("<=", "≤").replace(">=", "≥") for label in labels)
         if values is None:
             return cls(labels, conditions=conditions)
         numbers = np.asarray(values, float)
-        indices = np.where(
+        class_indices = np.where(
             np.isnan(numbers), -1, np.searchsorted(edges, numbers, "right" if closed == "left" else "left")
         )
-        return cls(labels, indices == np.arange(len(labels))[:, None] + (not ends))
+        return cls(labels, class_indices == np.arange(len(labels))[:, None] + (not ends))
 
     @classmethod
     def by_parts(cls, name: str, values: ArrayLike, k: int) -> Classes:
@@ -139,17 +139,17 @@ class Classes(InNotebook):
             If all sources have the same value.
         """
         numbers = np.asarray(values, float)
-        levels = np.unique(numbers[np.isfinite(numbers)])
-        if len(levels) < 2:
+        distinct = np.unique(numbers[np.isfinite(numbers)])
+        if len(distinct) < 2:
             raise DegeneracyError(f"{name} is the same for all sources")
-        if len(levels) <= k:
-            return cls(tuple(f"{name} {_in_full(value)}" for value in levels), numbers == levels[:, None])
+        if len(distinct) <= k:
+            return cls(tuple(f"{name} {_format_in_full(value)}" for value in distinct), numbers == distinct[:, None])
         quantiles = np.unique(np.nanquantile(numbers, np.arange(1, k) / k))
-        quantiles = quantiles[quantiles > levels[0]] if quantiles[-1] > levels[0] else levels[1:2]
-        spread = np.diff(quantiles, prepend=levels[0], append=levels[-1]).max()
+        quantiles = quantiles[quantiles > distinct[0]] if quantiles[-1] > distinct[0] else distinct[1:2]
+        spread = np.diff(quantiles, prepend=distinct[0], append=distinct[-1]).max()
         for digits in (4, 6, 8, 17):  # as few as leave the classes what they are
             edges = [float(f"{edge:.{digits}g}") for edge in quantiles]
-            if np.abs(edges - quantiles).max() < 0.05 * spread and (np.diff(edges, prepend=levels[0]) > 0).all():
+            if np.abs(edges - quantiles).max() < 0.05 * spread and (np.diff(edges, prepend=distinct[0]) > 0).all():
                 break
         return cls.by_edges(name, edges, numbers)
 
@@ -191,8 +191,8 @@ class Classes(InNotebook):
         """Halves of the sky as masks of the sources of a `field`; other classes as they are."""
         if not self.frame:
             return self
-        north = (rotation_matrix(field.frame, self.frame) @ triad(field.lon, field.lat)[2])[2] >= 0
-        return replace(self, masks=np.array([north, ~north]), frame="")
+        is_northern = (rotation_matrix(field.frame, self.frame) @ triad(field.lon, field.lat)[2])[2] >= 0
+        return replace(self, masks=np.array([is_northern, ~is_northern]), frame="")
 
     def within(self, mask: BoolArray) -> Classes:
         """Restrict the classes to the sources of a `mask`, (n,)."""
@@ -200,8 +200,8 @@ class Classes(InNotebook):
 
     def of_at_least(self, n: int) -> Classes:
         """Select the classes that have `n` sources or more."""
-        selection = self._masks().sum(1) >= n
-        return replace(self, labels=tuple(np.array(self.labels)[selection].tolist()), masks=self._masks()[selection])
+        is_large = self._masks().sum(1) >= n
+        return replace(self, labels=tuple(np.array(self.labels)[is_large].tolist()), masks=self._masks()[is_large])
 
     def split(self, sources: Field | Parts) -> list[Field] | list[Parts]:
         """The sources of each class, in memory or in parts; by masks in memory alone.
@@ -223,14 +223,14 @@ class Classes(InNotebook):
         return [sources[mask] for _, mask in self.of(sources)]
 
 
-def _in_full(number):
+def _format_in_full(number):
     """Text of a number with all of its digits."""
     return f"{number:g}" if float(f"{number:g}") == number else repr(float(number))
 
 
 def _select_class(field, classes, i):
     """The sources of class i in one part."""
-    sources = field[classes.of(field).masks[i]]
-    if not len(sources):
+    selected = field[classes.of(field).masks[i]]
+    if not len(selected):
         raise EmptyFieldError(f"this part of the catalogue has no source in the {classes.labels[i]}")
-    return sources
+    return selected

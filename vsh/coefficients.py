@@ -130,9 +130,9 @@ class Coefficients(Frozen):
         unit : str
             Unit of the coefficients.
         """
-        indices = self.modes.slice_of(kind, 1)
-        covariance_block = np.zeros((3, 3)) if covariance is None else np.asarray(covariance)[indices, indices]
-        return vector_of(FIRST_DEGREE, self.values[indices], covariance_block, frame, unit)
+        degree_one = self.modes.slice_of(kind, 1)
+        covariance_block = np.zeros((3, 3)) if covariance is None else np.asarray(covariance)[degree_one, degree_one]
+        return vector_of(FIRST_DEGREE, self.values[degree_one], covariance_block, frame, unit)
 
     def power(self, kind: Kind, l: int) -> float:
         """∫ |V_l|² dΩ of one kind and degree. [(µas/yr)²]
@@ -156,13 +156,13 @@ class Coefficients(Frozen):
         lon, lat = np.broadcast_arrays(np.asarray(in_unit("lon", lon), float), np.asarray(in_unit("lat", lat), float))
         shape, lon, lat = lon.shape, lon.ravel(), lat.ravel()
         field_values = np.empty((self.modes.components, lon.size))
-        block = max(1, min(8192, 2**24 // len(self.modes)))  # at most 256 MiB of basis
+        block_size = max(1, min(8192, 2**24 // len(self.modes)))  # at most 256 MiB of basis
 
         def fill(chunk):
             basis = harmonics(lon[chunk], lat[chunk], self.modes)
             field_values[:, chunk] = np.tensordot(self.values, basis, axes=1)
 
-        for _ in map_blocks(fill, lon.size, block):
+        for _ in map_blocks(fill, lon.size, block_size):
             pass
         return field_values.reshape(-1, *shape)
 
@@ -189,8 +189,8 @@ class Coefficients(Frozen):
     __rmul__ = __mul__
 
 
-def vector_of(rows: FloatArray, values: FloatArray, covariance: FloatArray, frame: str, unit: str) -> Vector:
+def vector_of(matrix: FloatArray, values: FloatArray, covariance: FloatArray, frame: str, unit: str) -> Vector:
     """The Cartesian vector that corresponds to the three coefficients of degree 1."""
     # The rows are orthogonal, but not of one length: the inverse, then.
-    inverse = np.linalg.inv(rows)
+    inverse = np.linalg.inv(matrix)
     return Vector(inverse @ values, inverse @ covariance @ inverse.T, frame, unit)

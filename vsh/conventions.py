@@ -85,8 +85,8 @@ def icrf3_terms(coefficients: Coefficients, sigma: FloatArray) -> dict[str, tupl
         name: (value, float(sigma[coefficients.modes.index(ICRF3[name][0])] / abs(ICRF3[name][1])))
         for name, value in to_icrf3(coefficients).items()
     }
-    values = zip(coefficients.modes, coefficients.values, sigma, strict=True)
-    return terms | {str(mode): (float(value), float(error)) for mode, value, error in values if mode.l > 2}
+    triples = zip(coefficients.modes, coefficients.values, sigma, strict=True)
+    return terms | {str(mode): (float(value), float(error)) for mode, value, error in triples if mode.l > 2}
 
 
 def from_icrf3(parameters: Mapping[str, float]) -> Coefficients:
@@ -163,8 +163,8 @@ def from_vityazev(parameters: Mapping[str, float]) -> Coefficients:
     >>> round(float(from_vityazev({"s_1.0.1": 2.8944}).glide[2]), 3)
     1.0
     """
-    degrees = [re.fullmatch(r"[ts]_(\d+)\.\d+\.[01]", name) for name in parameters]
-    modes = Modes(max([int(match[1]) for match in degrees if match], default=1))
+    matches = [re.fullmatch(r"[ts]_(\d+)\.\d+\.[01]", name) for name in parameters]
+    modes = Modes(max([int(match[1]) for match in matches if match], default=1))
     terms = {name: (i, factor) for i, (name, factor) in enumerate(map(_vityazev_term, modes))}
     invalid_names = [name for name in parameters if name not in terms]
     if invalid_names:
@@ -261,9 +261,9 @@ def _lmax_of(alm):
 
 def _to_alm(values, modes):
     alm = np.zeros((modes.lmax + 1) * (modes.lmax + 2) // 2, complex)
-    indices, is_im = _healpy_order(modes.lmax, modes.lowest)
-    alm.real[indices[~is_im]] = values[~is_im]
-    alm.imag[indices[is_im]] = values[is_im]
+    places, is_im = _healpy_order(modes.lmax, modes.lowest)
+    alm.real[places[~is_im]] = values[~is_im]
+    alm.imag[places[is_im]] = values[is_im]
     return alm
 
 

@@ -34,7 +34,7 @@ from vsh.tools.types import ArrayLike, Axes, BoolArray, FloatArray, OnBad, PathN
 from vsh.tools.units import DEGREE, MAS
 
 #: Beyond these a number stands for a missing value, or is none.
-_PLAUSIBLE = {"redshift": (-1.0, 20.0), "magnitude": (-30.0, 50.0), "redshift_error": (-1e-300, 100.0),
+_PLAUSIBLE_RANGES = {"redshift": (-1.0, 20.0), "magnitude": (-30.0, 50.0), "redshift_error": (-1e-300, 100.0),
               "distance": (0.0, 1e6), "distance_error": (0.0, 1e6),
               "parallax": (-1e5, 1e5), "parallax_error": (0.0, 1e5)}  # fmt: skip
 #: Redshifts that surveys write where they have none: several of exactly one of these are none.
@@ -49,7 +49,7 @@ _MOTIONS = ("pmra", "pmdec", "pmra_error", "pmdec_error")
 
 
 def field_arrays(
-    given: Mapping[str, Any],
+    given_columns: Mapping[str, Any],
     name: ArrayLike | None,
     on_bad: OnBad,
     first_row: int,
@@ -62,10 +62,10 @@ def field_arrays(
         raise FieldError(f"on_bad is 'raise' or 'drop', not {on_bad!r}")
     units = dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(_MOTIONS, "mas / yr") | {"magnitude": "mag"}
     units |= _MEASURED_UNITS
-    absent = [c for c in ("ra", "dec", *_MOTIONS) if given[c] is None]
+    absent = [c for c in ("ra", "dec", *_MOTIONS) if given_columns[c] is None]
     if absent:
         raise FieldError(f"{', '.join(absent)} must be given")
-    pairs = {c: bad_rows.as_floats(c, v, units.get(c, "")) for c, v in given.items() if v is not None}
+    pairs = {c: bad_rows.as_floats(c, v, units.get(c, "")) for c, v in given_columns.items() if v is not None}
     columns: dict[str, Any] = {column: pair[0] for column, pair in pairs.items()}
     missing: dict[str, BoolArray] = {column: pair[1] for column, pair in pairs.items()}
     columns.setdefault("pmra_pmdec_corr", np.zeros(columns["ra"].shape))
@@ -79,13 +79,13 @@ def field_arrays(
         np.multiply(columns[column], DEGREE if column in ("ra", "dec") else MAS, out=row)
     (lon, lat), motion, sigma = block[:2], block[2:4], block[4:]
     rho = columns["pmra_pmdec_corr"]
-    for column, (lower, upper) in _PLAUSIBLE.items():
+    for column, (lower, upper) in _PLAUSIBLE_RANGES.items():
         if column in columns:
             values = np.where(missing[column], np.nan, columns[column])
             is_implausible = np.isfinite(values) & ~((values > lower) & (values < upper))
-            marks, told = np.isin(values, _NO_REDSHIFT if column == "redshift" else ()), ""
-            if marks.sum() > 2:
-                is_implausible, told = is_implausible | marks, " or exactly 9.99"
+            is_sentinel, told = np.isin(values, _NO_REDSHIFT if column == "redshift" else ()), ""
+            if is_sentinel.sum() > 2:
+                is_implausible, told = is_implausible | is_sentinel, " or exactly 9.99"
             if is_implausible.any():
                 look_like_velocities = column == "redshift" and 2 * is_implausible.sum() > is_implausible.size
                 text = f"{is_implausible.sum()} values of {column} beyond {lower:g} … {upper:g}{told} taken as missing"
@@ -104,26 +104,26 @@ def field_arrays(
     keep, added_notes = bad_rows.select_usable(invalid, n, on_bad, first_row, (lon, lat), aside)
     arrays = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
     arrays |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
-    of_all = spans if isinstance(keep, slice) else None
-    numbers = bad_rows.row_numbers(np.arange(n), first_row)[keep]
-    doubts = bad_rows.doubtful_motion_notes({c: columns[c][keep] for c in ("pmra", "pmdec")}, of_all, numbers)
+    kept_spans = spans if isinstance(keep, slice) else None
+    row_numbers = bad_rows.row_numbers(np.arange(n), first_row)[keep]
+    doubts = bad_rows.doubtful_motion_notes({c: columns[c][keep] for c in ("pmra", "pmdec")}, kept_spans, row_numbers)
     return arrays, (*notes, *doubts, *added_notes)
 
 
 def _blank_unknown_redshifts(columns, first_row):
     """Make redshifts missing whose error says that they are not known; a note counts them and names the first."""
     with np.errstate(invalid="ignore"):
-        mask = columns["redshift_error"] >= 1 + columns["redshift"]
-    if not mask.any():
+        is_unknown = columns["redshift_error"] >= 1 + columns["redshift"]
+    if not is_unknown.any():
         return ()
-    index = int(np.argmax(mask))
+    first_index = int(np.argmax(is_unknown))
     text = (
-        f"{mask.sum()} redshifts with an error of 1 + z or more are taken as missing (first: row "
-        f"{bad_rows.row_numbers(index, first_row)}, {columns['redshift'][index]:.4g} ± "
-        f"{columns['redshift_error'][index]:.4g})"
+        f"{is_unknown.sum()} redshifts with an error of 1 + z or more are taken as missing (first: row "
+        f"{bad_rows.row_numbers(first_index, first_row)}, {columns['redshift'][first_index]:.4g} ± "
+        f"{columns['redshift_error'][first_index]:.4g})"
     )
     for column in ("redshift", "redshift_error"):
-        columns[column] = np.where(mask, np.nan, columns[column])
+        columns[column] = np.where(is_unknown, np.nan, columns[column])
     return (text,)
 
 
@@ -132,28 +132,28 @@ def _broadcast(value, shape):
     return np.broadcast_to(value, shape, subok=True) if np.ndim(value) == 0 else value
 
 
-def concatenate_columns(one: Any, other: Any) -> dict[str, Any]:
+def concatenate_columns(first: Any, second: Any) -> dict[str, Any]:
     """The attributes of two fields, one after the other; those that only one of them has are missing in the other."""
-    if other.frame != one.frame:
-        raise FrameError(f"the fields are in {one.frame} and {other.frame}: take both to one frame")
-    frames = {field.redshift_frame for field in (one, other) if field.redshift is not None}
+    if second.frame != first.frame:
+        raise FrameError(f"the fields are in {first.frame} and {second.frame}: take both to one frame")
+    frames = {field.redshift_frame for field in (first, second) if field.redshift is not None}
     if len(frames) > 1:
         raise FieldError(f"redshifts stand in {' and '.join(map(str, frames))}: take them to one frame first")
     names = ("lon", "lat", "motion", "sigma", "rho", *MEASURED, "name")
-    columns = {name: _concatenate_column(one, other, name) for name in names}
-    return columns | {"redshift_frame": next(iter(frames), None), "notes": merge_notes(one.notes, other.notes)}
+    columns = {name: _concatenate_column(first, second, name) for name in names}
+    return columns | {"redshift_frame": next(iter(frames), None), "notes": merge_notes(first.notes, second.notes)}
 
 
 def _concatenate_column(first_field, second_field, name):
     """A column of two fields; NaN, or no name, for the sources of which it is not known."""
-    both = (first_field, second_field)
-    columns = [getattr(field, name) for field in both]
+    fields = (first_field, second_field)
+    columns = [getattr(field, name) for field in fields]
     if all(column is None for column in columns):
         return None
-    as_text = name == "name" and len({None if column is None else column.dtype.kind for column in columns}) > 1
-    blank = "" if as_text else np.nan
-    columns = [np.full(len(field), blank) if column is None else column for field, column in zip(both, columns)]
-    columns = [column.astype(str) if as_text else column for column in columns]
+    is_text = name == "name" and len({None if column is None else column.dtype.kind for column in columns}) > 1
+    blank = "" if is_text else np.nan
+    columns = [np.full(len(field), blank) if column is None else column for field, column in zip(fields, columns)]
+    columns = [column.astype(str) if is_text else column for column in columns]
     return np.concatenate(columns, axis=-1)
 
 
@@ -230,10 +230,10 @@ class SourcesWithErrors(Frozen):
             raise FieldError("these sources have no names to select them by: give a mask, or use field[indices]")
         if which.dtype.kind == "U" and source_names.dtype.kind in "iu":
             source_names = source_names.astype(str)
-        lost = which[~np.isin(which, source_names)]
-        if lost.size:
-            names = ", ".join(map(str, lost[:5]))
-            raise FieldError(f"{lost.size} of {which.size} names are not among the sources: {names}")
+        unknown_names = which[~np.isin(which, source_names)]
+        if unknown_names.size:
+            names = ", ".join(map(str, unknown_names[:5]))
+            raise FieldError(f"{unknown_names.size} of {which.size} names are not among the sources: {names}")
         return self[np.isin(source_names, which)]
 
     def check_frame(self, frame: str) -> None:
@@ -527,8 +527,8 @@ class Field(Equal, SourcesWithErrors):
             raise FieldError("sources without errors need sigma=, in µas/yr")
         shape = (2, np.size(sources.lon))
         further: dict[str, Any] = {name: getattr(sources, name, None) for name in ("rho", "redshift")}
-        still = np.zeros(shape), np.broadcast_to(sigma, shape)
-        return cls(sources.lon, sources.lat, *still, **further, frame=getattr(sources, "frame", "icrs"))
+        motion_and_errors = np.zeros(shape), np.broadcast_to(sigma, shape)
+        return cls(sources.lon, sources.lat, *motion_and_errors, **further, frame=getattr(sources, "frame", "icrs"))
 
     @property
     def ra(self) -> FloatArray:
@@ -592,10 +592,10 @@ class Field(Equal, SourcesWithErrors):
     def to_pandas(self) -> Any:
         """The sources as a pandas DataFrame in the names and units of Gaia's archive; `attrs` has units and frame."""
         table = self.to_table()
-        data = table.to_pandas()
+        dataframe = table.to_pandas()
         units = {name: str(table[name].unit) for name in table.colnames if table[name].unit}
-        data.attrs |= {"units": units} | dict(table.meta)
-        return data
+        dataframe.attrs |= {"units": units} | dict(table.meta)
+        return dataframe
 
     def to_skycoord(self) -> Any:
         """The sources as an astropy SkyCoord with positions and proper motions."""
@@ -724,8 +724,7 @@ class Field(Equal, SourcesWithErrors):
         return self._with(sigma=sigma, rho=rho)
 
     def to_frame(self, name: str) -> Field:
-        """Turn positions, motions and covariances to the frame `name` (icrs, galactic, ecliptic); motions and
-        covariances turn."""
+        """Turn positions, motions and covariances to the frame `name` (icrs, galactic, ecliptic)."""
         if check_frame(name) == self.frame:
             return self
         matrix = rotation_matrix(self.frame, name)

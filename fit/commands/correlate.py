@@ -75,7 +75,7 @@ def _run(options):
     run = finishing.Run(options)
     paths = [path for path in (options.catalogue, options.catalogue2) if path]
     sources = [reading.open_catalogue(path, options) for path in paths]
-    if reading.in_parts(options) and options.influence:
+    if reading.is_in_parts(options) and options.influence:
         raise VshError("--influence looks at every source: it needs the catalogue whole, without --workers")
     fields = [_sources(*pair, options) for pair in zip(paths, sources, strict=True)]
     labels = _labels(paths)
@@ -133,7 +133,7 @@ def _answer_lines(matrices):
 
 def _sources(path, source, options):
     """Positions and errors, whole or in parts."""
-    if reading.in_parts(options):
+    if reading.is_in_parts(options):
         arguments = reading.parts_arguments(options)
         return vsh.io.catalogue.parts(path, motions=False, sigma=options.sigma, **arguments).to_frame(options.frame)
     catalogue = path if vsh.io.catalogue.is_map(source) else source

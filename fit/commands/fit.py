@@ -101,7 +101,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--value names no column")
     if options.value and options.sigma is not None:
         parser.error("sigma= is an error of motions: name the column of errors of a number, --value VALUE,ERROR")
-    if options.value and (options.waves or reading.in_parts(options)):
+    if options.value and (options.waves or reading.is_in_parts(options)):
         parser.error("--value fits one number of each source: --waves and --workers are for motions")
     options.years = options.waves if isinstance(options.waves, float) else None
     if options.floor == "no" and options.method == "recommended":
@@ -126,7 +126,7 @@ def _run(options):
     from vsh.io import catalogue, tables
 
     # Each class reads its rows; names tell of sources that stand there twice, and no fit looks at further columns.
-    source = tables.cache_columns(source) if options.classes and not reading.in_parts(options) else source
+    source = tables.cache_columns(source) if options.classes and not reading.is_in_parts(options) else source
     field = run.read(source, path, roles=("name",), value=options.value).to_frame(options.frame)
     estimate = fit.estimate(field, options.lmax, *parsing.method_and_value(options.method))
     solution, sources, plain = estimate.solution, estimate.sources, estimate.plain
@@ -369,7 +369,7 @@ def _template(word, run, source, path, field):
 def _column_template(name, run, source, path):
     """Numbers of a column at the places of the sources that are read."""
     arguments = reading.field_arguments(run.options)
-    if run.options.value or reading.in_parts(run.options):  # numbers have no motions, whose rows would be theirs
+    if run.options.value or reading.is_in_parts(run.options):  # numbers have no motions, whose rows would be theirs
         chunks = vsh.io.catalogue.stream_columns(source, [name], **arguments)
         pairs = ((field.to_frame("icrs"), columns[name]) for field, columns in chunks)
         return fit.background.Template.of_parts(name, ((field.lon, field.lat, values) for field, values in pairs))

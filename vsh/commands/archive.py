@@ -12,15 +12,15 @@ from vsh.tools.printing import printable
 
 #: Options of any query, and of each kind of request besides. An option that a kind does not take is an error: it would
 #: be ignored in silence.
-_OF_QUERIES = {"output", "show", "url", "max_rows", "overwrite"}
-_TAKEN = {
+_QUERY_OPTIONS = {"output", "show", "url", "max_rows", "overwrite"}
+_OPTIONS_BY_REQUEST = {
     "--check": {"url"},
     "epochs": {"ids", "retrieval_type", "structure", "output", "url"},
-    "a query of ours": _OF_QUERIES,
-    "dr3-neighbourhood": _OF_QUERIES | {"upload"},
-    "a query in a file": _OF_QUERIES | {"upload"},
-    "a table of the archive": _OF_QUERIES | {"release", "table", "with_columns", "where"},
-    "a list that is sent": _OF_QUERIES | {"upload", "release", "table"},
+    "a query of ours": _QUERY_OPTIONS,
+    "dr3-neighbourhood": _QUERY_OPTIONS | {"upload"},
+    "a query in a file": _QUERY_OPTIONS | {"upload"},
+    "a table of the archive": _QUERY_OPTIONS | {"release", "table", "with_columns", "where"},
+    "a list that is sent": _QUERY_OPTIONS | {"upload", "release", "table"},
 }
 _NEIGHBOURS = "dr3-neighbourhood"
 
@@ -98,8 +98,8 @@ def make_parser() -> argparse.ArgumentParser:
     return parsing.add_common(parser, "list of what was written")
 
 
-def _kind(options):
-    """The kind of a request, a key of _TAKEN."""
+def _find_request_kind(options):
+    """The kind of a request, a key of _OPTIONS_BY_REQUEST."""
     if options.check:
         return "--check"
     if options.what in ("epochs", _NEIGHBOURS):
@@ -116,15 +116,15 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself."""
     if bool(options.what or options.upload) == bool(options.check):
         parser.error("say what to fetch, or --check SCHEMA")
-    kind = _kind(options)
+    kind = _find_request_kind(options)
     if kind == "a table of the archive" and options.upload:
         parser.error("--upload goes with a query in a file, or alone: a table of the archive is its own list")
-    foreign = set().union(*_TAKEN.values()) - _TAKEN[kind]
+    foreign = set().union(*_OPTIONS_BY_REQUEST.values()) - _OPTIONS_BY_REQUEST[kind]
     ignored = [f"--{parsing.name_of(a)}" for a in parser._actions if a.dest in foreign and getattr(options, a.dest)]
     if ignored:
-        what = f"{options.what}, {kind}" if kind.startswith("a query") else kind
+        request = f"{options.what}, {kind}" if kind.startswith("a query") else kind
         hint = ": its release is its own" if ignored[0] == "--release" else ""
-        parser.error(f"{ignored[0]} does not go with {what}{hint}")
+        parser.error(f"{ignored[0]} does not go with {request}{hint}")
     if options.check:
         return
     if options.what == "epochs" and not (options.ids and options.output):
@@ -135,9 +135,9 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("say where to: --output FILE.fits, or --show")
 
 
-def _adql(options, by_name):
+def _make_query(options, by_name):
     """The query that is asked for; `by_name` says whether a list that is sent names its sources."""
-    kind = _kind(options)
+    kind = _find_request_kind(options)
     if kind == "a query of ours":
         return archive.QUERIES[options.what]
     if kind == _NEIGHBOURS:
@@ -165,17 +165,17 @@ def _adql(options, by_name):
 
 def _run(options):
     if options.check:
-        found = archive.check_schema(options.check, options.url)
-        result = finishing.RunResult(lambda _: found.sections(), lambda: {"Names that are missing": found.to_table()})
+        checks = archive.check_schema(options.check, options.url)
+        result = finishing.RunResult(lambda _: checks.sections(), lambda: {"Names that are missing": checks.to_table()})
         finishing.print_result(options, result)
-        if not found.any_runs:
+        if not checks.any_runs:
             raise ArchiveError(f"no query runs in {options.check}: see the names that are missing")
         return
     if options.what == "epochs":
-        _fetch_batches(options)
+        _fetch_epochs(options)
         return
     upload, by_name = archive.make_upload(options.upload) if options.upload else (None, True)
-    adql = _adql(options, by_name)
+    adql = _make_query(options, by_name)
     if options.show:
         finishing.print_result(options, finishing.message_result(adql))
         return
@@ -185,12 +185,12 @@ def _run(options):
     path = archive.query(
         adql, options.output, options.url, max_rows=options.max_rows, overwrite=options.overwrite, upload=upload
     )
-    was = f"{path} was there already, as it was fetched: nothing was asked"
+    reuse_message = f"{path} was there already, as it was fetched: nothing was asked"
     finishing.write_configuration(options)
-    finishing.print_result(options, finishing.message_result(was if is_reused else f"written to {path}"))
+    finishing.print_result(options, finishing.message_result(reuse_message if is_reused else f"written to {path}"))
 
 
-def _fetch_batches(options):
+def _fetch_epochs(options):
     """Fetch the epochs of a list of sources, a batch at a time."""
     keywords = {
         name: value for name in ("retrieval_type", "structure") if (value := getattr(options, name)) is not None
@@ -198,11 +198,11 @@ def _fetch_batches(options):
     ids = archive.read_ids(options.ids)
     url = archive.DATA_SERVER if options.url == archive.ESA else options.url
     folder = archive.fetch_epochs(ids, options.output, url, progress=not options.quiet, **keywords)
-    count, lost = sum(1 for path in folder.iterdir() if path.is_file()), archive.sources_without_epochs(folder)
-    lines = [f"written to {folder}: {count} files of {len(set(ids)) - len(lost)} sources"]
-    if lost:
-        listing = ", ".join(map(str, lost[:5])) + (", …" if len(lost) > 5 else "")
-        lines.append(f"{len(lost)} of {len(set(ids))} sources have no epochs: {listing} (all in {folder.name}.json)")
+    n_files, missing = sum(1 for path in folder.iterdir() if path.is_file()), archive.sources_without_epochs(folder)
+    lines = [f"written to {folder}: {n_files} files of {len(set(ids)) - len(missing)} sources"]
+    if missing:
+        listing = ", ".join(map(str, missing[:5])) + (", …" if len(missing) > 5 else "")
+        lines.append(f"{len(missing)} of {len(set(ids))} sources have no epochs: {listing} (all in {folder.name}.json)")
     finishing.print_result(options, finishing.message_result("\n".join(lines)))
 
 

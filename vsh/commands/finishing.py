@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 #: Endings that nobody gives to a folder.
-_OF_FILES = (".json", ".csv", ".ecsv", ".fits", ".vot", ".tex", ".txt", ".html", ".pdf", ".png")
+_FILE_ENDINGS = (".json", ".csv", ".ecsv", ".fits", ".vot", ".tex", ".txt", ".html", ".pdf", ".png")
 #: The file by which a command knows its own folders; it holds where the results come from, too.
 MARK = "provenance.json"
 
@@ -50,12 +50,12 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
     path, label = Path(path), f"--output {printable(path)}"
     if path.exists() and not path.is_dir():
         raise VshError(f"{label} is a file, not a folder")
-    if not path.exists() and path.suffix.lower() in _OF_FILES:
+    if not path.exists() and path.suffix.lower() in _FILE_ENDINGS:
         raise VshError(
             f"{label} would be a folder with the results of {command}: --json and --latex print the tables (> FILE), "
             "--html FILE writes a page"
         )
-    _check_parent(path, label, make_parents=True)
+    _check_parent_writable(path, label, will_make_parents=True)
     check_not_read(path, label)
     if not path.exists() or not any(path.iterdir()):
         return
@@ -88,27 +88,27 @@ def check_file(path: PathName, overwrite: bool = False, option: str = "--output"
     path, label = Path(path), f"{option} {printable(path)}"
     if path.is_dir():
         raise VshError(f"{label} is a folder, not a file")
-    _check_parent(path, label)
+    _check_parent_writable(path, label)
     check_not_read(path, label)
     if path.exists() and not overwrite:
         raise VshError(f"{label} exists already: use --overwrite to replace it, or name another file")
 
 
-def _configuration_path(output):
+def _make_configuration_path(output):
     """Path of the configuration beside a file that is written: its name with run.toml for the ending."""
-    return Path(output).with_name(f"{Path(output).name}.{parsing.NAME}")
+    return Path(output).with_name(f"{Path(output).name}.{parsing.CONFIGURATION_NAME}")
 
 
 def write_configuration(options: argparse.Namespace, written: Mapping[str, str] | None = None) -> None:
     """Write the configuration that repeats a run beside its --output, a file."""
-    path = _configuration_path(options.output)
+    path = _make_configuration_path(options.output)
     with atomic_write(path, overwrite=True) as temporary_path:
-        temporary_path.write_text(_configuration_text(options, name=path.name, written=written), encoding="utf-8")
+        temporary_path.write_text(_format_configuration(options, name=path.name, written=written), encoding="utf-8")
 
 
 def check_configuration(output: PathName) -> None:
     """Raise VshError where the file of a run's configuration, which nobody named, is somebody's."""
-    path = _configuration_path(output)
+    path = _make_configuration_path(output)
     if path.exists() and not path.read_bytes().startswith(parsing.REPEATS.encode()):
         raise VshError(f"{printable(path)} is no configuration of a run, and is not replaced: move it")
 
@@ -121,9 +121,9 @@ def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> I
         yield folder
         for note in _copy_tables(folder, parsing.table_formats(getattr(options, "format", ""))):
             print_line(options, note)
-        (folder / parsing.NAME).write_text(_configuration_text(options, provenance), encoding="utf-8")
+        (folder / parsing.CONFIGURATION_NAME).write_text(_format_configuration(options, provenance), encoding="utf-8")
         (folder / "citation.bib").write_text(parsing.bibtex(options.program, options.given) + "\n", encoding="utf-8")
-        files = {x.name: digest(x) for x in sorted(folder.iterdir())}
+        files = {file.name: digest(file) for file in sorted(folder.iterdir())}
         mark = {"command": options.program, "files": files} | provenance
         (folder / MARK).write_text(json.dumps(mark, indent=1, default=str, ensure_ascii=False) + "\n", encoding="utf-8")
         check_folder(options.output, options.program, options.overwrite)  # somebody else may have written meanwhile
@@ -146,28 +146,28 @@ def _copy_tables(folder, endings):
 
 def _flatten_columns(table):
     """A table whose columns of several numbers a row are columns of one each, numbered from 1."""
-    flat = table.copy(copy_data=False)
+    flat_table = table.copy(copy_data=False)
     for name in [name for name in table.colnames if table[name].ndim > 1]:
         values = table[name].reshape(len(table), -1)
-        place = flat.colnames.index(name)
+        column_index = flat_table.colnames.index(name)
         names = [f"{name}_{k + 1}" for k in range(values.shape[1])]
-        flat.add_columns(list(values.T), names=names, indexes=[place] * len(names))
-        flat.remove_column(name)
-    return flat
+        flat_table.add_columns(list(values.T), names=names, indexes=[column_index] * len(names))
+        flat_table.remove_column(name)
+    return flat_table
 
 
-def _configuration_text(options, provenance=None, name=parsing.NAME, written=None):
+def _format_configuration(options, provenance=None, name=parsing.CONFIGURATION_NAME, written=None):
     """The configuration that repeats a run, as TOML."""
     files, hashes = ((provenance or {}).get(key, []) for key in ("catalogue", "sha256"))
     pairs = list(zip(files, hashes, strict=True)) if isinstance(files, list) else [(files, hashes)]
     names = [file for file, _ in pairs]
-    read = {file: sha for file, sha in pairs if names.count(file) == 1}  # of two files of one name none is known by it
-    return parsing.Configuration(options.program, options.given, vsh.__version__, read, written or {}).text(name)
+    known = {file: sha for file, sha in pairs if names.count(file) == 1}  # of two files of one name none is known by it
+    return parsing.Configuration(options.program, options.given, vsh.__version__, known, written or {}).text(name)
 
 
-def _check_parent(path, label, make_parents=False):
+def _check_parent_writable(path, label, will_make_parents=False):
     parent = Path(os.path.realpath(path)).parent
-    while make_parents and not parent.exists():
+    while will_make_parents and not parent.exists():
         parent = parent.parent
     if not parent.is_dir():
         raise VshError(f"{label}: there is no folder {printable(parent)}")
@@ -236,18 +236,18 @@ class RunResult:
 
     def report(self, long: bool = True) -> str:
         """The lines to quote and the text, whole or short; a short one says where the whole is."""
-        text = self.body(long)
-        if not long and text != self.body(True):
-            text = f"{text.rstrip()}\nfull report: --long, or --output DIR\n"
-        return f"{self.answer}\n\n{text}" if self.answer.lines else text
+        report_text = self.body(long)
+        if not long and report_text != self.body(True):
+            report_text = f"{report_text.rstrip()}\nfull report: --long, or --output DIR\n"
+        return f"{self.answer}\n\n{report_text}" if self.answer.lines else report_text
 
     @cached_property
     def all_notes(self) -> tuple[str, ...]:
         """The notes of the run, and those, the warnings and the remarks of its sections."""
         sections = self.sections(True)
-        told = [f"{label}: {text}" for part in sections for label, text in part.facts if label.startswith("warning")]
-        told += [text for part in sections for text in (*part.notes, *part.remarks)]
-        return tuple(dict.fromkeys(map(str, (*self.notes, *told))))
+        notes = [f"{label}: {text}" for part in sections for label, text in part.facts if label.startswith("warning")]
+        notes += [text for part in sections for text in (*part.notes, *part.remarks)]
+        return tuple(dict.fromkeys(map(str, (*self.notes, *notes))))
 
     @cached_property
     def tables(self) -> Mapping[str, Table]:
@@ -367,9 +367,9 @@ class Run:
     def open(self, path: str) -> Any:
         """Open a catalogue; its hash in the provenance is that of what was opened."""
         if not is_address(path) and Path(path).is_file():
-            record = file_stamp(path)
-            is_told = self.options.output or self.options.html  # a run that writes nothing tells no hash
-            self.opened[str(path)] = digest(path) if is_told else "", record
+            stamp = file_stamp(path)
+            needs_hash = self.options.output or self.options.html  # a run that writes nothing tells no hash
+            self.opened[str(path)] = digest(path) if needs_hash else "", stamp
         return reading.open_catalogue(path, self.options)
 
     def read(self, source: Any, path: str = "", **more: Any) -> Any:
@@ -379,16 +379,16 @@ class Run:
         keywords = reading.field_arguments(self.options) | more
         if getattr(self.options, "sigma", None) is not None:
             keywords["sigma"] = self.options.sigma
-        if value := keywords.pop("value", None):
-            number, error = (word.strip() for word in re.split(r",(?![^(]*\))", f"{value},")[:2])
-            keywords = {name: each for name, each in keywords.items() if name not in ("roles", "sigma")}
-            if reading.is_density(value, source):
-                scalars = reading.count_sources(source, error, keywords)
+        if value_text := keywords.pop("value", None):
+            column, error_or_selection = (word.strip() for word in re.split(r",(?![^(]*\))", f"{value_text},")[:2])
+            keywords = {name: value for name, value in keywords.items() if name not in ("roles", "sigma")}
+            if reading.is_density(value_text, source):
+                scalars = reading.compute_source_density(source, error_or_selection, keywords)
             else:
-                scalars = catalogue.read_scalars(source, number, error or None, **keywords)
+                scalars = catalogue.read_scalars(source, column, error_or_selection or None, **keywords)
             self._check_unchanged()
             return scalars
-        if not reading.in_parts(self.options):
+        if not reading.is_in_parts(self.options):
             field = catalogue.read_field(source, **keywords)
             self._check_unchanged()
             return field
@@ -474,20 +474,20 @@ class Run:
             if page_path is not None:
                 figure_set.close()
         if options.output:
-            names = sorted(x.name for x in Path(options.output).iterdir())
+            names = sorted(entry.name for entry in Path(options.output).iterdir())
             print_line(options, f"written to {options.output}: {', '.join(names)}")
         if options.html:
             print_line(options, f"written to {options.html}")
 
 
-def _open_if_named(path, make):
+def _open_if_named(path, open_output):
     """The place where results are written, which takes its name at the end; None where nobody named one."""
-    return make(path) if path else nullcontext()
+    return open_output(path) if path else nullcontext()
 
 
-def _join_by_name(parts, give):
+def _join_by_name(parts, get_items):
     """All that parts give by name."""
-    return {name: item for part in parts for name, item in give(part).items()}
+    return {name: item for part in parts for name, item in get_items(part).items()}
 
 
 def as_json(options: argparse.Namespace, result: RunResult) -> str:
@@ -495,7 +495,7 @@ def as_json(options: argparse.Namespace, result: RunResult) -> str:
     document = {
         "command": options.program,
         "version": vsh.__version__,
-        "options": {name: _json_value(value) for name, value in options.given.items() if name not in NOT_KEPT},
+        "options": {name: _parse_number_text(value) for name, value in options.given.items() if name not in NOT_KEPT},
         "answer": dict(result.answer.lines) or None,
         "notes": list(result.all_notes),
         "tables": result.tables,
@@ -505,6 +505,6 @@ def as_json(options: argparse.Namespace, result: RunResult) -> str:
     return json.dumps(as_plain(document), ensure_ascii=encoding.lower() not in ("utf-8", "utf8"), allow_nan=False)
 
 
-def _json_value(value):
+def _parse_number_text(value):
     """A word as a number, where it is one."""
     return json.loads(value) if isinstance(value, str) and NUMBER.fullmatch(value) else value

@@ -20,14 +20,14 @@ from typing import Any, NoReturn
 
 import vsh
 from vsh.commands import COMMANDS
-from vsh.commands.renamed import GONE, renew_words, renewed_options
+from vsh.commands.renamed import GONE, renew_options, renew_words
 from vsh.tools.formats import BY_NAME, TITLES, hide_address_secrets, hide_secrets, is_address
 from vsh.tools.printing import printable
 
-_ALWAYS = ("vsh_astrometry", "harris2020", "virtanen2020", "astropy2022")
+_CITED_ALWAYS = ("vsh_astrometry", "harris2020", "virtanen2020", "astropy2022")
 _PIXELS = ("gorski2005", "zonca2019")
 #: What a run uses where it is asked for something, besides what its command rests on.
-_OPTIONS = {
+_CITATIONS_BY_OPTION = {
     "posterior": ("foremanmackey2013", "foremanmackey2016", "planck2020overview"),
     "waves": ("book2011",),
     "floor": ("lindegren2021",),
@@ -42,9 +42,9 @@ _OPTIONS = {
     "html": ("hunter2007",),
 }
 #: Options that write what may hold figures.
-_WRITES = ("output", "html")
+_FIGURE_OPTIONS = ("output", "html")
 #: The same for values of options.
-_VALUES = {
+_CITATIONS_BY_VALUE = {
     "planck": ("planck2020overview",),
     "student": ("lange1989",),
     "crf3": ("gaia2016", "gaia2022crf3"),
@@ -56,12 +56,12 @@ _VALUES = {
 
 def citation_keys(command: str, given: Mapping[str, Any]) -> list[str]:
     """The keys of what a run uses, ours first."""
-    works = [*_ALWAYS, *COMMANDS[command.removeprefix("vsh-")].cites]
-    draws = "none" not in str(given.get("format")) and command not in ("vsh-sim", "vsh-archive")
+    keys = [*_CITED_ALWAYS, *COMMANDS[command.removeprefix("vsh-")].cites]
+    has_figures = "none" not in str(given.get("format")) and command not in ("vsh-sim", "vsh-archive")
     for name, value in given.items():
-        works += _OPTIONS.get(name, ()) if draws or name not in _WRITES else ()
-        works += _VALUES.get(value, ()) if isinstance(value, str) else ()
-    return list(dict.fromkeys(works))
+        keys += _CITATIONS_BY_OPTION.get(name, ()) if has_figures or name not in _FIGURE_OPTIONS else ()
+        keys += _CITATIONS_BY_VALUE.get(value, ()) if isinstance(value, str) else ()
+    return list(dict.fromkeys(keys))
 
 
 def bibtex(command: str, given: Mapping[str, Any]) -> str:
@@ -120,12 +120,12 @@ def nside(text: str) -> int:
 
 def not_negative(text: str) -> float:
     """The type of a number of zero or more."""
-    return _number(text, lambda x: x >= 0, "a number that is not negative")
+    return _parse_number(text, lambda x: x >= 0, "a number that is not negative")
 
 
 def positive(text: str) -> float:
     """The type of a number above zero."""
-    return _number(text, lambda x: x > 0, "a positive number")
+    return _parse_number(text, lambda x: x > 0, "a positive number")
 
 
 def _check_scale(text):
@@ -159,14 +159,14 @@ def method_and_value(text: str) -> tuple[str, str | None]:
     return name, value or None
 
 
-def _number(text, fits, description):
-    values = _finite_numbers(text)
-    if len(values) != 1 or not fits(values[0]):
+def _parse_number(text, is_valid, description):
+    parsed = _parse_finite_numbers(text)
+    if len(parsed) != 1 or not is_valid(parsed[0]):
         raise argparse.ArgumentTypeError(f"{description} is expected, not {text!r}")
-    return values[0]
+    return parsed[0]
 
 
-def _finite_numbers(text):
+def _parse_finite_numbers(text):
     """Numbers separated by commas; none where one of them is none, or not finite."""
     try:
         values = tuple(map(float, text.split(",")))
@@ -177,14 +177,14 @@ def _finite_numbers(text):
 
 def numbers(text: str) -> tuple[float, ...]:
     """Numbers separated by commas."""
-    if not (values := _finite_numbers(text)):
+    if not (values := _parse_finite_numbers(text)):
         raise argparse.ArgumentTypeError(f"numbers separated by commas are expected, not {text!r}")
     return values
 
 
 def vector(text: str) -> tuple[float, ...]:
     """The type of three numbers separated by commas."""
-    if len(components := _finite_numbers(text)) != 3:
+    if len(components := _parse_finite_numbers(text)) != 3:
         raise argparse.ArgumentTypeError(f"three numbers separated by commas are expected, not {text!r}")
     return components
 
@@ -193,7 +193,7 @@ def velocity(text: str) -> str | tuple[float, ...]:
     """Our velocity as every command takes it: a name, or SPEED,L,B."""
     if text in VELOCITIES:
         return text
-    components = _finite_numbers(text)
+    components = _parse_finite_numbers(text)
     speed, l, b = components if len(components) == 3 else (0.0, 0.0, 0.0)
     if not (0 < speed < 3e5 and abs(l) <= 360 and abs(b) <= 90):
         raise argparse.ArgumentTypeError(
@@ -218,7 +218,7 @@ def formats(text: str) -> str:
                 f"{entry!r} is no format: {', '.join(FIGURE_FORMATS)} of figures, @DPI behind it or not, or none; "
                 f"{', '.join(TABLE_FORMATS)} of tables"
             )
-        if at and not 20 <= _number(dpi, math.isfinite, "a number of dots per inch") <= 2400:
+        if at and not 20 <= _parse_number(dpi, math.isfinite, "a number of dots per inch") <= 2400:
             raise argparse.ArgumentTypeError(f"20 to 2400 dots an inch are expected, not {dpi!r}")
     return text
 
@@ -254,53 +254,53 @@ def pairs(text: str) -> dict[str, str]:
     return pairs_by_name
 
 
-def _one_of(values):
+def _make_choice_type(choices):
     """The type of one of some words."""
 
-    def word(text):
-        if text not in values:
-            raise argparse.ArgumentTypeError(f"one of {', '.join(values)} is expected, not {text!r}")
+    def check_word(text):
+        if text not in choices:
+            raise argparse.ArgumentTypeError(f"one of {', '.join(choices)} is expected, not {text!r}")
         return text
 
-    return word
+    return check_word
 
 
 #: What --columns says of a table besides names: its name among the options, and how it is checked.
-_FACTS: dict[str, tuple[str, Callable[[str], Any]]] = {
-    "frame": ("catalogue_frame", _one_of(FRAMES)),
-    "format": ("input_format", _one_of(INPUT_FORMATS)),
+_TABLE_FACTS: dict[str, tuple[str, Callable[[str], Any]]] = {
+    "frame": ("catalogue_frame", _make_choice_type(FRAMES)),
+    "format": ("input_format", _make_choice_type(INPUT_FORMATS)),
     "sigma": ("sigma", positive),
 }
 
 
 def columns(text: str) -> dict[str, Any]:
     """NAME=VALUE,… with one of the sets of names before it, or not."""
-    columns_by_role = _columns(text)
-    for name in {*columns_by_role} & {*_FACTS}:
-        columns_by_role[name] = _FACTS[name][1](columns_by_role[name] or "")
+    columns_by_role = _parse_columns(text)
+    for name in {*columns_by_role} & {*_TABLE_FACTS}:
+        columns_by_role[name] = _TABLE_FACTS[name][1](columns_by_role[name] or "")
     return columns_by_role
 
 
 def set_table_options(options: argparse.Namespace) -> None:
     """Take what --columns says besides names to options of their own: frame, format and error of a table."""
     given_columns = dict(options.columns or {})
-    for name, (dest, _) in _FACTS.items():
+    for name, (dest, _) in _TABLE_FACTS.items():
         setattr(options, dest, given_columns.pop(name, None))
     options.columns = given_columns.get("names") if given_columns.keys() == {"names"} else given_columns or None
 
 
-def _columns(text):
+def _parse_columns(text):
     head, _, remainder = text.partition(",")
     if "=" in head:
-        return _pairs_with_none(text)
+        return _parse_pairs_with_none(text)
     if head.strip() not in COLUMNS:
         raise argparse.ArgumentTypeError(
             f"{text!r} is neither name=value,name=value nor a set of names: {', '.join(COLUMNS)}"
         )
-    return {"names": head.strip()} | (_pairs_with_none(remainder) if remainder else {})
+    return {"names": head.strip()} | (_parse_pairs_with_none(remainder) if remainder else {})
 
 
-def _pairs_with_none(text):
+def _parse_pairs_with_none(text):
     """NAME=VALUE,… with None where nothing stands behind the equals sign: no such column is looked for."""
     empty = {token.partition("=")[0].strip() for token in text.split(",") if token.strip().endswith("=")}
     remainder = ",".join(token for token in text.split(",") if not token.strip().endswith("="))
@@ -310,11 +310,11 @@ def _pairs_with_none(text):
 #: Options that name what is written, and those that name whom to connect to.
 WRITTEN, CONNECTED = ("output", "html", "log", "checkpoint"), ("workers", "url")
 #: What a configuration may not say: where to write, what to replace, whom to connect to. It may be a stranger's.
-_NOT_TAKEN = (*WRITTEN, "overwrite", *CONNECTED)
+_REFUSED = (*WRITTEN, "overwrite", *CONNECTED)
 #: What says where results go and how they are told, not what they are.
 NOT_KEPT = ("config", "output", "html", "checkpoint", "overwrite", "url", "json", "latex", "quiet")
 #: What a run writes its configuration to, in its folder of results.
-NAME = "run.toml"
+CONFIGURATION_NAME = "run.toml"
 #: How such a file begins.
 REPEATS = "# Repeats a run"
 NUMBER = re.compile(r"-?(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?")
@@ -330,24 +330,24 @@ class Configuration:
     files: Mapping[str, str] = field(default_factory=dict)
     written: Mapping[str, str] = field(default_factory=dict)
 
-    def text(self, name: str = NAME) -> str:
+    def text(self, name: str = CONFIGURATION_NAME) -> str:
         """The file, as TOML."""
         lines = [f"{REPEATS}, from the folder that it was made in: {self.command} --config {name} --output NEW"]
-        lines += [f"command = {_toml(self.command)}", f"version = {_toml(self.version)}", "", "[options]"]
+        lines += [f"command = {_format_toml(self.command)}", f"version = {_format_toml(self.version)}", "", "[options]"]
         kept = {name: value for name, value in self.options.items() if name not in NOT_KEPT}
-        if not _is_count("workers", kept.get("workers")):
+        if not _is_worker_count("workers", kept.get("workers")):
             kept.pop("workers", None)
-        lines += [f"{name} = {_toml(value)}" for name, value in kept.items()]
+        lines += [f"{name} = {_format_toml(value)}" for name, value in kept.items()]
         if self.files:
             lines += ["", "# SHA-256 of what was read", "[files]"]
-            lines += [f"{_quote(name)} = {_toml(sha)}" for name, sha in self.files.items()]
+            lines += [f"{_quote_toml(name)} = {_format_toml(sha)}" for name, sha in self.files.items()]
         if self.written:
             lines += ["", "# SHA-256 of what was written: a file that was changed since is not replaced", "[written]"]
-            lines += [f"{_quote(name)} = {_toml(sha)}" for name, sha in self.written.items()]
+            lines += [f"{_quote_toml(name)} = {_format_toml(sha)}" for name, sha in self.written.items()]
         return "\n".join(lines) + "\n"
 
 
-def configuration_of(path: str, command: str) -> Configuration:
+def read_configuration(path: str, command: str) -> Configuration:
     """The configuration in a file."""
     import tomllib
 
@@ -358,17 +358,17 @@ def configuration_of(path: str, command: str) -> Configuration:
         raise argparse.ArgumentTypeError(f"{path}: {error.strerror}") from None
     except (ValueError, RecursionError) as error:
         raise argparse.ArgumentTypeError(f"{path} is no TOML file: {error}") from None
-    foreign = set(raw) - {"command", "version", "options", "files", "written"}
-    if foreign or not all(isinstance(raw.get(name, {}), dict) for name in ("options", "files", "written")):
-        entries = ", ".join(sorted(foreign)) or "options and files"
+    unknown_entries = set(raw) - {"command", "version", "options", "files", "written"}
+    if unknown_entries or not all(isinstance(raw.get(name, {}), dict) for name in ("options", "files", "written")):
+        entries = ", ".join(sorted(unknown_entries)) or "options and files"
         raise argparse.ArgumentTypeError(
             f"{path}: {entries}? A configuration has command, version, [options] and [files]"
         )
     if raw.get("command", command) != command:
         raise argparse.ArgumentTypeError(f"{path} is a configuration of {raw['command']}, not of {command}")
     options: dict[str, Any] = {}
-    written = {str(name): _format_setting(path, name, value) for name, value in raw.get("options", {}).items()}
-    for name, value in renewed_options(command, written):
+    settings = {str(name): _format_setting(path, name, value) for name, value in raw.get("options", {}).items()}
+    for name, value in renew_options(command, settings):
         options[name] = f"{options[name]},{value}" if isinstance(options.get(name), str) else value
     return Configuration(command, options, str(raw.get("version", "")), raw.get("files", {}))
 
@@ -400,12 +400,12 @@ def merge_configuration(
     """The words of the command line after those of its --config; what is on the line prevails."""
     settings = parse_options_as_text(make_parser(), words)
     try:
-        configuration = configuration_of(settings["config"], parser.prog)
+        configuration = read_configuration(settings["config"], parser.prog)
     except argparse.ArgumentTypeError as error:
         parser.error(f"--config {error}")
     actions = {name_of(action): action for action in parser._actions}
     violations = [
-        name for name, value in configuration.options.items() if name in _NOT_TAKEN and not _is_count(name, value)
+        name for name, value in configuration.options.items() if name in _REFUSED and not _is_worker_count(name, value)
     ]
     if violations:
         parser.error(
@@ -424,11 +424,11 @@ def merge_configuration(
         names = {name_of(action) for action in exclusive._group_actions}
         overrides |= names if names & set(settings) else set()
     options = {name: value for name, value in configuration.options.items() if name not in overrides}
-    earlier = [token for name, value in options.items() for token in _format_value(actions[name], value)]
-    return [*earlier, *words], configuration
+    earlier_words = [token for name, value in options.items() for token in _format_option(actions[name], value)]
+    return [*earlier_words, *words], configuration
 
 
-def _is_count(name, value):
+def _is_worker_count(name, value):
     """Return whether an option is a number of processes, which connects to nobody."""
     return name == "workers" and isinstance(value, str) and value.isdecimal()
 
@@ -438,7 +438,7 @@ def name_of(action: argparse.Action) -> str:
     return (action.option_strings or [action.dest])[0].lstrip("-")
 
 
-def _format_value(action, value):
+def _format_option(action, value):
     if not action.option_strings:
         return [value] if isinstance(value, str) else list(value)
     option = f"--{name_of(action)}"
@@ -465,15 +465,15 @@ def _format_setting(path, name, value):
     )
 
 
-def _toml(value):
+def _format_toml(value):
     if value is True:
         return "true"
     if isinstance(value, (tuple, list)):
-        return f"[{', '.join(map(_toml, value))}]"
-    return value if NUMBER.fullmatch(value) else _quote(value)
+        return f"[{', '.join(map(_format_toml, value))}]"
+    return value if NUMBER.fullmatch(value) else _quote_toml(value)
 
 
-def _quote(text):
+def _quote_toml(text):
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
@@ -500,18 +500,18 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
             parser.error(f"argument {token[:-3]}: '--' is no value")
     configuration = None
     command_line, settings_of_process = renew_words(parser.prog, command_line)
-    asks = {"-h", "--help", "--help-all", "--version"} & set(command_line)
-    if hasattr(module, "narrow") and asks - {"--version"}:
+    exit_options = {"-h", "--help", "--help-all", "--version"} & set(command_line)
+    if hasattr(module, "narrow") and exit_options - {"--version"}:
         module.narrow(parser, command_line)
-    if settings_of_process.get("citation") and not asks:
+    if settings_of_process.get("citation") and not exit_options:
         print(bibtex(parser.prog, parse_options_as_text(module.make_parser(), command_line)))
         parser.exit()
-    if _is_given("--config", command_line) and not asks:
+    if _is_given("--config", command_line) and not exit_options:
         command_line, configuration = merge_configuration(parser, module.make_parser, command_line)
     command_line = _move_optional_last(parser, command_line)
     options = parser.parse_args(command_line)
     options.log = settings_of_process.get("log", os.environ.get("VSH_LOG") or None)
-    options.threads = _threads(parser, settings_of_process.get("threads"))
+    options.threads = _parse_threads(parser, settings_of_process.get("threads"))
     if hasattr(options, "columns"):
         set_table_options(options)
     if hasattr(module, "check"):
@@ -519,20 +519,20 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
     options.program = parser.prog
     options.expected = {} if configuration is None else dict(configuration.files)
     settings = parse_options_as_text(module.make_parser(), command_line)
-    options.given = {name: _without_secrets(value) for name, value in settings.items()}
-    words = tokens if configuration is None else _without_config(command_line)
-    options.command = [parser.prog, *map(_without_folders, words)]
+    options.given = {name: _hide_secrets_in_value(value) for name, value in settings.items()}
+    command_words = tokens if configuration is None else _drop_config_words(command_line)
+    options.command = [parser.prog, *map(_hide_folder_in_word, command_words)]
     return options
 
 
 def _move_optional_last(parser, words):
     """The words with the options last whose value is optional, where what follows is none: --waves catalogue.fits."""
-    kept, last = [], []
+    kept_words, bare_options = [], []
     for word, following in pairwise([*words, ""]):
         action = parser._option_string_actions.get(word)
         is_bare = action is not None and action.nargs == "?" and not _is_value(action, following)
-        (last if is_bare else kept).append(word)
-    return kept + [word for word in last if not any(other.startswith(f"{word}=") for other in kept)]
+        (bare_options if is_bare else kept_words).append(word)
+    return kept_words + [word for word in bare_options if not any(other.startswith(f"{word}=") for other in kept_words)]
 
 
 def _is_value(action, text):
@@ -542,7 +542,7 @@ def _is_value(action, text):
         return False
 
 
-def _threads(parser, text):
+def _parse_threads(parser, text):
     """The number of threads that --threads asks for, or None."""
     if text is None:
         return None
@@ -552,7 +552,7 @@ def _threads(parser, text):
         parser.error(f"argument --threads: {error}")
 
 
-def without_folder(text: str) -> str:
+def hide_folder(text: str) -> str:
     """The name of a file without its folder, an address without its password; any other text as it is."""
     if is_address(text):
         return hide_address_secrets(text)
@@ -566,24 +566,24 @@ def _is_given(option, tokens):
     return any(len(head) > 3 and option.startswith(head) for head in heads)
 
 
-def _without_config(tokens):
+def _drop_config_words(tokens):
     """The words, without those that name a configuration: what it says is among them."""
-    remainder, skip = [], False
+    kept_words, skips_value = [], False
     for token in tokens:
-        if skip or _is_given("--config", [token]):
-            skip = not skip and "=" not in token  # its value is the next word
+        if skips_value or _is_given("--config", [token]):
+            skips_value = not skips_value and "=" not in token  # its value is the next word
         else:
-            remainder.append(token)
-    return remainder
+            kept_words.append(token)
+    return kept_words
 
 
-def _without_folders(token):
+def _hide_folder_in_word(token):
     """A word of the command as a page may hold it, the value of --option=value too."""
     option, equals, value = token.partition("=") if token.startswith("--") else ("", "", token)
-    return option + equals + without_folder(value)
+    return option + equals + hide_folder(value)
 
 
-def _without_secrets(value):
+def _hide_secrets_in_value(value):
     """Value of an option, its addresses without their passwords."""
     if isinstance(value, tuple):
         return tuple(map(hide_address_secrets, value))
@@ -632,23 +632,23 @@ def adder(parser: Any) -> Callable[..., None]:
     switch. What stands behind `MORE` in the help is for --help-all.
     """
 
-    def add(names: str, help: str | None = None, kind: Any = None, default: Any = None, **others: Any) -> None:
+    def add(names: str, help: str | None = None, kind: Any = None, default: Any = None, **options: Any) -> None:
         flags = [name for name in names.split() if name.startswith("-")]
-        value = names.split()[len(flags) :]
-        if flags and value:
-            others["metavar"] = value[0]
+        metavar = names.split()[len(flags) :]
+        if flags and metavar:
+            options["metavar"] = metavar[0]
         if kind is not None:
-            others["type" if callable(kind) else "choices"] = kind
-        elif flags and default is None and not others.keys() & {"metavar", "action", "nargs"}:
-            others["action"] = "store_true"
+            options["type" if callable(kind) else "choices"] = kind
+        elif flags and default is None and not options.keys() & {"metavar", "action", "nargs"}:
+            options["action"] = "store_true"
         if default is not None:
-            others["default"] = default
+            options["default"] = default
             if isinstance(default, str | int | float) and help is not None and "default" not in help:
-                first, more, rest = help.partition(MORE)
+                brief_help, separator, details = help.partition(MORE)
                 default_text = default if isinstance(default, str) else format(default, "g")
-                help = f"{first} (default: {default_text}){more}{rest}"
-        whole = help and help.replace(MORE, "; ")
-        parser.add_argument(*(flags or value), help=whole, **others).brief = help and help.partition(MORE)[0]
+                help = f"{brief_help} (default: {default_text}){separator}{details}"
+        full_help = help and help.replace(MORE, "; ")
+        parser.add_argument(*(flags or metavar), help=full_help, **options).brief = help and help.partition(MORE)[0]
 
     return add
 
@@ -668,17 +668,17 @@ class _Parser(argparse.ArgumentParser):
         """The help of --help: what the task needs."""
         formatter = self._get_formatter()
         positionals = [action for action in self._actions if not action.option_strings]
-        words = [(str(action.metavar or action.dest).upper(), action.nargs) for action in positionals]
-        shown = [f"[{word}]" if nargs in ("?", "*") else word for word, nargs in words]
-        formatter.add_usage(f"%(prog)s {' '.join(shown)} [options]", [], [])
+        names_with_nargs = [(str(action.metavar or action.dest).upper(), action.nargs) for action in positionals]
+        shown_positionals = [f"[{word}]" if nargs in ("?", "*") else word for word, nargs in names_with_nargs]
+        formatter.add_usage(f"%(prog)s {' '.join(shown_positionals)} [options]", [], [])
         formatter.add_text(re.split(r"(?<=[.:]) ", self.description or "")[0].rstrip(":"))
         example = (self.epilog or "").removeprefix(_EXAMPLES).splitlines()[0]
         formatter.add_text(f"{_EXAMPLE}{example}")
         shared = shared_group(self)._group_actions
         left_out = (*shared, *self._actions[:2])  # --help itself
-        own = [action for action in self._actions if action not in left_out and action.help != argparse.SUPPRESS]
+        options = [action for action in self._actions if action not in left_out and action.help != argparse.SUPPRESS]
         formatter.start_section("options")
-        formatter.add_arguments(list(map(_brief_option, own)))
+        formatter.add_arguments(list(map(_copy_with_brief_help, options)))
         formatter.end_section()
         names = ", ".join(f"--{name_of(action)}" for action in shared)
         formatter.add_text(f"And --help-all has details, and as every command {names}.")
@@ -691,12 +691,12 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         hints = []
         for option in re.findall(r"--[\w-]+", message.partition("unrecognized arguments:")[2]):
-            gone = GONE.get(f"{self.prog} {option.removeprefix('--')}")
-            near = get_close_matches(option, self._option_string_actions, n=1)
-            hints += [f"in Python: {gone}"] if gone else [f"is it {near[0]}?"] if near else []
+            replacement = GONE.get(f"{self.prog} {option.removeprefix('--')}")
+            nearest = get_close_matches(option, self._option_string_actions, n=1)
+            hints += [f"in Python: {replacement}"] if replacement else [f"is it {nearest[0]}?"] if nearest else []
         hint = f" ({'; '.join(dict.fromkeys(hints))})" if hints else ""
-        text = printable(hide_secrets(f"{message}{hint}"))
-        self.exit(2, f"{self.prog}: error: {text}\n{self.prog} --help lists the options\n")
+        safe_message = printable(hide_secrets(f"{message}{hint}"))
+        self.exit(2, f"{self.prog}: error: {safe_message}\n{self.prog} --help lists the options\n")
 
 
 class _HelpAll(argparse.Action):
@@ -709,11 +709,11 @@ class _HelpAll(argparse.Action):
 _SHARED = "options of every command"
 
 
-def _brief_option(action):
+def _copy_with_brief_help(action):
     """An option with the first words of its help."""
-    shown = copy(action)
-    shown.help = action.brief
-    return shown
+    brief_action = copy(action)
+    brief_action.help = action.brief
+    return brief_action
 
 
 def shared_group(parser: argparse.ArgumentParser) -> Any:

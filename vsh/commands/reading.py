@@ -58,7 +58,7 @@ def add_columns(parser: argparse.ArgumentParser, of: str) -> None:
 def add_output(parser: argparse.ArgumentParser) -> None:
     """Add --output, --format, --html and --overwrite."""
     add = parsing.adder(parsing.shared_group(parser))
-    add("--output DIR", "write report, tables and figures to this folder", _folder)
+    add("--output DIR", "write report, tables and figures to this folder", _check_folder_name)
     add(
         "--format NAME,…",
         "formats of the figures, png (the default), pdf or svg, with @DPI behind or without (300), or none; and of the "
@@ -94,8 +94,8 @@ def read_named_map(text: str) -> tuple[FloatArray, str]:
     """A HEALPix map and its axes, as options name it: FILE, or galactic:FILE where the header does not state them."""
     import vsh
 
-    axes, _, path = text.rpartition(":")
-    stated = axes if axes in parsing.FRAMES else None
+    frame_name, _, path = text.rpartition(":")
+    stated = frame_name if frame_name in parsing.FRAMES else None
     return vsh.io.maps.read_map_with_frame(path if stated else text, stated, "galactic:FILE, or which it is")
 
 
@@ -108,17 +108,17 @@ def is_density(value: str | None, source: TableSource) -> bool:
     return (value or "").partition(",")[0].strip() == DENSITY and DENSITY not in source.names
 
 
-def count_sources(source: TableSource, selection: str, keywords: dict[str, Any]) -> ScalarField:
+def compute_source_density(source: TableSource, selection: str, keywords: dict[str, Any]) -> ScalarField:
     """The density of the sources of a catalogue, relative to a map of their selection where one is named."""
     import vsh
     from vsh.tools.notes import ASSUMED_MOTIONS, has_code
 
     field = vsh.io.catalogue.read_sources(source, sigma=1.0, **keywords)
-    shares, frame = None, field.frame
+    selection_map, frame = None, field.frame
     if selection:
-        shares, frame = read_named_map(selection)
+        selection_map, frame = read_named_map(selection)
         field = field.to_frame(frame)
-    counts = vsh.ScalarField.from_counts(field.lon, field.lat, selection=shares, frame=frame)
+    counts = vsh.ScalarField.from_counts(field.lon, field.lat, selection=selection_map, frame=frame)
     return counts.add_note(*(note for note in field.notes if not has_code(note, ASSUMED_MOTIONS)))
 
 
@@ -129,8 +129,8 @@ def keep_standard_input(options: argparse.Namespace) -> Iterator[None]:
 
     paths = getattr(options, "others", [])
     for path in [getattr(options, "catalogue", None), getattr(options, "catalogue2", None), *paths]:
-        bare = re.sub(r"#[^#]+$", "", path or "")  # one of several tables in a file
-        if path not in (None, "-") and "://" not in path and not (Path(path).exists() or Path(bare).exists()):
+        file_path = re.sub(r"#[^#]+$", "", path or "")  # one of several tables in a file
+        if path not in (None, "-") and "://" not in path and not (Path(path).exists() or Path(file_path).exists()):
             raise TableError(f"{path}: no such file")
     option_names = [name for name in ("catalogue", "catalogue2") if getattr(options, name, None) == "-"]
     if "-" in paths:
@@ -177,15 +177,15 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
         "--workers N|ADDRESS",
         "process a catalogue of any size in parts, with N processes, or on the Dask cluster with this address or "
         "scheduler file; by default it is read into memory",
-        _workers,
+        _parse_workers,
     )
 
 
-def _workers(text):
+def _parse_workers(text):
     return parsing.count(1)(text) if re.fullmatch(r"-?[\d.]*", text) else text
 
 
-def in_parts(options: argparse.Namespace) -> bool:
+def is_in_parts(options: argparse.Namespace) -> bool:
     """Return whether a command was asked to go through its catalogue in parts."""
     return getattr(options, "workers", None) is not None
 
@@ -200,8 +200,8 @@ def refuse_velocities(notes: Iterable[object], label: str) -> None:
     from vsh.tools.errors import TableError
     from vsh.tools.notes import NO_REDSHIFTS, has_code
 
-    if messages := [str(note) for note in notes if has_code(note, NO_REDSHIFTS)]:
-        raise TableError(f"{label}: {messages[0].removeprefix('warning: ')}")
+    if warnings := [str(note) for note in notes if has_code(note, NO_REDSHIFTS)]:
+        raise TableError(f"{label}: {warnings[0].removeprefix('warning: ')}")
 
 
 def velocity_of(value: str | tuple[float, ...] | None) -> Vector | None:
@@ -213,7 +213,7 @@ def velocity_of(value: str | tuple[float, ...] | None) -> Vector | None:
     return VELOCITIES[value] if isinstance(value, str) else velocity_from_apex(*value)
 
 
-def _folder(text):
+def _check_folder_name(text):
     if not text:
         raise argparse.ArgumentTypeError("names no folder")
     return text

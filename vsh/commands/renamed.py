@@ -68,7 +68,7 @@ GONE = {
 }  # fmt: skip
 
 
-def _rule(command, name, has_value):
+def _find_rule(command, name, has_value):
     """The rule of an option of a command, or None."""
     key = f"{name} {{}}" if has_value else name
     return RULES.get(f"{command} {key}", RULES.get(key))
@@ -76,30 +76,30 @@ def _rule(command, name, has_value):
 
 def renew_words(command: str, words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
     """The words of a command with the names of today, and what they set for the process."""
-    tokens, settings, said = [], {}, []
-    rest = list(words)
-    while rest:
-        word = rest.pop(0)
+    tokens, settings, renewed_words = [], {}, []
+    remaining_words = list(words)
+    while remaining_words:
+        word = remaining_words.pop(0)
         name, equals, value = word.removeprefix("--").partition("=")
-        with_value = _rule(command, name, True) or _SETTINGS.get(name)
-        is_known = with_value or _rule(command, name, False) or name in _SETTINGS
+        takes_value = _find_rule(command, name, True) or _SETTINGS.get(name)
+        is_known = takes_value or _find_rule(command, name, False) or name in _SETTINGS
         if not (word.startswith("--") and is_known):
             tokens.append(word)
             continue
-        if with_value and not equals:
-            value = rest.pop(0) if rest else ""
+        if takes_value and not equals:
+            value = remaining_words.pop(0) if remaining_words else ""
         if name in _SETTINGS:
             settings[name] = value if _SETTINGS[name] else True
         else:
-            said.append(f"--{_renew_option(command, name, value if with_value else True)}")
-    return tokens + said, settings
+            renewed_words.append(f"--{_renew_option(command, name, value if takes_value else True)}")
+    return tokens + renewed_words, settings
 
 
-def renewed_options(command: str, options: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
+def renew_options(command: str, options: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
     """The options of a saved run with the names of today."""
     for name, value in options.items():
         text = ",".join(value) if isinstance(value, tuple) else value
-        if _rule(command, name, value is not True):
+        if _find_rule(command, name, value is not True):
             new_name, _, new_value = _renew_option(command, name, text).partition("=")
             yield new_name, new_value
         else:
@@ -108,7 +108,7 @@ def renewed_options(command: str, options: Mapping[str, Any]) -> Iterable[tuple[
 
 def _renew_option(command, name, value):
     """An option as it is said today, NAME=VALUE."""
-    rule = _rule(command, name, value is not True)
-    text = rule(value) if callable(rule) else rule.format(value)
-    new_name, _, new_value = text.partition(" ")
+    rule = _find_rule(command, name, value is not True)
+    renewed_text = rule(value) if callable(rule) else rule.format(value)
+    new_name, _, new_value = renewed_text.partition(" ")
     return f"{new_name}={new_value}"

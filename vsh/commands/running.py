@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import vsh
-from vsh.commands.parsing import NOT_KEPT, WRITTEN, parse, without_folder
+from vsh.commands.parsing import NOT_KEPT, WRITTEN, hide_folder, parse
 from vsh.commands.reading import keep_standard_input
 from vsh.tools.errors import VshError, VshWarning
 from vsh.tools.files import check_not_read, digest, protect_files
@@ -30,13 +30,13 @@ from vsh.tools.printing import PACKAGES, guard_printing, printable, silence, sil
 NOT_TOLD = (*sorted({*NOT_KEPT} - {"checkpoint", "url"}), "log", "threads", "command", "given", "program", "expected")
 _LOG = logging.getLogger(__name__)
 #: What else of the namespace names no file that is read.
-_NOT_ASKED = ("command", "given", "program", "expected", "show", "url")
+_NOT_INPUTS = ("command", "given", "program", "expected", "show", "url")
 _LOG_LINE = re.compile(
     rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} (DEBUG|INFO|WARNING|ERROR|CRITICAL) +(vsh|sim|fit|study)\b"
 )
 
 
-class _OneLine(logging.Formatter):
+class _OneLineFormatter(logging.Formatter):
     """Records without the control characters and line breaks that names of files and columns may bring along."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:
@@ -65,7 +65,7 @@ def make_entry(
 def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int:
     """Run an action; returns the exit status: 0, or 1 with one line that says what was wrong."""
     program = options.program
-    wrong = [name for name in _THREADS if not os.environ.get(name, "1").strip().isdecimal()]
+    wrong = [name for name in _THREAD_VARIABLES if not os.environ.get(name, "1").strip().isdecimal()]
     if wrong:
         return _report_failure(program, f"error: {wrong[0]} is {os.environ[wrong[0]]!r}, which is no number of threads")
     os.environ["MPLBACKEND"] = "agg"  # a command writes files only, where there may be no screen
@@ -73,7 +73,7 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
         with (
             warnings.catch_warnings(),
             limit_threads(getattr(options, "threads", None)),
-            protect_files(_inputs(options)),
+            protect_files(_list_inputs(options)),
             write_log(options),
             without_bars(options.quiet),
             keep_standard_input(options),
@@ -81,7 +81,7 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
             show_elapsed(program),
         ):
             warnings.simplefilter("ignore", VshWarning)  # the report's notes say it
-            _say_what_changed(options)
+            _note_changed_files(options)
             action()
     except MemoryError:
         return _report_failure(program, "error: not enough memory: lower the degree, or read fewer sources")
@@ -103,7 +103,7 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
 
 
 #: By which libraries are told how many threads to use.
-_THREADS = ("OMP_NUM_THREADS", "DUCC0_NUM_THREADS")
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "DUCC0_NUM_THREADS")
 
 
 @contextmanager
@@ -112,28 +112,28 @@ def _interrupt_on_terminate():
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    ours = os.getpid()
+    process_id = os.getpid()
 
-    def end(number, frame):
-        if os.getpid() == ours:
-            raise KeyboardInterrupt(number)
-        os._exit(128 + number)  # a worker that was forked
+    def interrupt(signal_number, frame):
+        if os.getpid() == process_id:
+            raise KeyboardInterrupt(signal_number)
+        os._exit(128 + signal_number)  # a worker that was forked
 
-    previous = signal.signal(signal.SIGTERM, end)
+    previous = signal.signal(signal.SIGTERM, interrupt)
     try:
         yield
     finally:
         signal.signal(signal.SIGTERM, previous)
 
 
-def _inputs(options):
+def _list_inputs(options):
     """List the files and folders that a run reads."""
-    values = [value for name, value in vars(options).items() if name not in (*WRITTEN, *_NOT_ASKED)]
-    texts = [item for value in values for item in (value if isinstance(value, (tuple, list)) else (value,))]
+    values = [value for name, value in vars(options).items() if name not in (*WRITTEN, *_NOT_INPUTS)]
+    texts = [entry for value in values for entry in (value if isinstance(value, (tuple, list)) else (value,))]
     return [text for text in texts if isinstance(text, (str, Path)) and text not in ("", "-") and os.path.lexists(text)]
 
 
-class _Log(logging.FileHandler):
+class _LogHandler(logging.FileHandler):
     """A log that says once where it could not be written on, and does not end the run for it."""
 
     failed: str | None = None
@@ -176,10 +176,10 @@ def write_log(options: argparse.Namespace) -> Iterator[None]:
         return
     _check_log(options)
     try:
-        handler = _Log(options.log, encoding="utf-8")
+        handler = _LogHandler(options.log, encoding="utf-8")
     except OSError as error:
         raise VshError(f"the log {printable(options.log)}: {error.strerror}") from None
-    handler.setFormatter(_OneLine("%(asctime)s %(levelname)-7s %(name)s: %(message)s"))
+    handler.setFormatter(_OneLineFormatter("%(asctime)s %(levelname)-7s %(name)s: %(message)s"))
     loggers = [logging.getLogger(name) for name in PACKAGES]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
@@ -203,11 +203,11 @@ def write_log(options: argparse.Namespace) -> Iterator[None]:
             print(f"{options.program}: the log is not complete: {printable(handler.failed)}", file=sys.stderr)
 
 
-def _say_what_changed(options):
-    """Files that are not those that a configuration was written for."""
+def _note_changed_files(options):
+    """Print a note on each file that is not the one that the configuration was written for."""
     values = vars(options).values() if options.expected else ()
-    texts = [text for value in values for text in (value if isinstance(value, list) else [value])]
-    for path in [Path(text) for text in texts if isinstance(text, str)]:
+    paths_given = [text for value in values for text in (value if isinstance(value, list) else [value])]
+    for path in [Path(text) for text in paths_given if isinstance(text, str)]:
         checksum = options.expected.get(path.name)
         if checksum is not None and path.exists() and digest(path) != checksum:
             line = f"{options.program}: note: {path.name} is not the file that the configuration was written for"
@@ -233,13 +233,13 @@ def provenance(
     import astropy
     import scipy
 
-    names = [str(path) for path in (paths if isinstance(paths, list) else [paths])]
-    paths = [Path(hide_address_secrets(path)) for path in names]
+    locations = [str(path) for path in (paths if isinstance(paths, list) else [paths])]
+    paths = [Path(hide_address_secrets(path)) for path in locations]
     # What lies at an address is not fetched once more for its hash.
-    known = opened or {}
+    opened_files = opened or {}
     hashes = [
-        "" if is_address(name) else known[name][0] if name in known else digest(path)
-        for name, path in zip(names, paths, strict=True)
+        "" if is_address(name) else opened_files[name][0] if name in opened_files else digest(path)
+        for name, path in zip(locations, paths, strict=True)
     ]
     is_single = len(paths) == 1
     return {
@@ -247,7 +247,7 @@ def provenance(
         "sha256": hashes[0] if is_single else hashes,
         **counts,
         "options": {
-            key: _provenance_value(value, paths)
+            key: _format_provenance_value(value, paths)
             for key, value in vars(options).items()
             if value is not None and key not in NOT_TOLD and not (key == "workers" and isinstance(value, str))
         },
@@ -261,7 +261,7 @@ def provenance(
     }
 
 
-def _provenance_value(value, paths):
+def _format_provenance_value(value, paths):
     if isinstance(value, str):
-        return Path(value).name if value in map(str, paths) else without_folder(value)
+        return Path(value).name if value in map(str, paths) else hide_folder(value)
     return value if isinstance(value, (int, float, tuple, list, dict)) else str(value)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vsh.io import tables
-from vsh.io.catalogue import as_doubles, doubt_positions
+from vsh.io.catalogue import as_doubles, check_degrees
 from vsh.io.columns import missing_column, unit_factor
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools.errors import TableError
@@ -18,10 +18,10 @@ from vsh.tools.units import DEGREE, MAS
 __all__ = ["read_astrometry", "write_astrometry"]
 
 #: The five parameters by the archive's names, and what else they are called; case does not count.
-_FIVE = ("ra", "dec", "parallax", "pmra", "pmdec")
+_PARAMETERS = ("ra", "dec", "parallax", "pmra", "pmdec")
 #: Errors below this are a slip, and would take all weight. [µas, µas/yr]
-_LEAST = 1e-9
-_CALLED = {
+_SMALLEST_ERROR = 1e-9
+_ALIASES = {
     "name": ("source_name", "iers", "icrf", "name", "star", "source", "object", "designation", "source_id"),
     "catalogue": ("catalogue", "catalog"),
     "epoch": ("epoch", "ref_epoch"),
@@ -38,19 +38,19 @@ _CALLED = {
 _UNITS = {"ra": "deg", "dec": "deg", "parallax": "mas", "pmra": "mas / yr", "pmdec": "mas / yr",
           "radial_velocity": "km / s"}  # fmt: skip
 #: Errors and correlations, by the names of their parameters.
-_CORRELATIONS = {f"{_FIVE[i]}_{_FIVE[j]}_corr": (i, j) for i in range(5) for j in range(i + 1, 5)}
-_SPREADS: dict[str, tuple[str, ...]] = {
-    f"{name}_error": tuple(form for each in _CALLED[name] for form in (f"{each}_error", f"{each}_err", f"e_{each}"))
-    for name in _FIVE
+_CORRELATIONS = {f"{_PARAMETERS[i]}_{_PARAMETERS[j]}_corr": (i, j) for i in range(5) for j in range(i + 1, 5)}
+_SPREAD_ALIASES: dict[str, tuple[str, ...]] = {
+    f"{name}_error": tuple(form for base in _ALIASES[name] for form in (f"{base}_error", f"{base}_err", f"e_{base}"))
+    for name in _PARAMETERS
 }
-_SPREADS |= {
-    role: tuple(f"{one}_{two}_corr" for one in _CALLED[_FIVE[i]] for two in _CALLED[_FIVE[j]])
+_SPREAD_ALIASES |= {
+    role: tuple(f"{first}_{second}_corr" for first in _ALIASES[_PARAMETERS[i]] for second in _ALIASES[_PARAMETERS[j]])
     for role, (i, j) in _CORRELATIONS.items()
 }
 #: What belongs to a source, whoever measured it.
-_SOURCE = ("name", "radial_velocity", "magnitude", "still", "calibrator")
+_SOURCE_ROLES = ("name", "radial_velocity", "magnitude", "still", "calibrator")
 #: The catalogue of bare columns, in a table that has those of two side by side.
-_BARE = "gaia"
+_BARE_CATALOGUE = "gaia"
 
 
 def read_astrometry(
@@ -91,23 +91,23 @@ def read_astrometry(
         As `AstrometryRows` does.
     """
     table = tables.open_table(source, format)
-    aliases = _CALLED | _SPREADS
+    aliases = _ALIASES | _SPREAD_ALIASES
     unknown_roles = sorted(set(columns or {}) - set(aliases))
     if unknown_roles:
         raise TableError(f"columns: nothing is called {', '.join(unknown_roles)}; there are {', '.join(aliases)}")
     label = catalogue or (Path(source).name.split(".")[0] if isinstance(source, str | Path) else "catalogue")
-    suffix = _suffix([name.lower() for name in table.names])
+    suffix = _find_suffix([name.lower() for name in table.names])
     if suffix and not columns:
         if still or catalogue or epoch is not None:
             raise TableError(
                 f"{table.label} has two catalogues side by side: still=, catalogue= and epoch= are of a table of one"
             )
-        bare = _CatalogueColumns(table, aliases, {}, "").astrometry(_BARE, once=True)
-        return bare + _CatalogueColumns(table, aliases, {}, suffix).astrometry(suffix.strip("_"))
-    return _CatalogueColumns(table, aliases, dict(columns or {}), "", epoch).astrometry(label, still=still)
+        bare_rows = _CatalogueColumns(table, aliases, {}, "").read_rows(_BARE_CATALOGUE, drops_repeats=True)
+        return bare_rows + _CatalogueColumns(table, aliases, {}, suffix).read_rows(suffix.strip("_"))
+    return _CatalogueColumns(table, aliases, dict(columns or {}), "", epoch).read_rows(label, still=still)
 
 
-def _suffix(names):
+def _find_suffix(names):
     """The suffix of a second catalogue in a table; empty where there is none."""
     suffixes = [
         name[2:] for name in names if name.startswith("ra_") and {f"dec{name[2:]}", f"epoch{name[2:]}"} <= {*names}
@@ -119,7 +119,7 @@ class _CatalogueColumns:
     """The columns of a table that belong to one catalogue."""
 
     def __init__(self, table, aliases, columns, suffix, epoch=None):
-        self.opened, self.epoch, self.names = table, epoch, {}
+        self.table, self.epoch, self.names = table, epoch, {}
         by_lower = {name.lower(): name for name in table.names}
         for role, candidates in aliases.items():
             if role in columns:
@@ -128,7 +128,7 @@ class _CatalogueColumns:
                 self.names[role] = columns[role]
                 continue
             # What a source is called, its magnitude and its colour are not those of one catalogue.
-            endings = (suffix, "") if role in _SOURCE else (suffix,)
+            endings = (suffix, "") if role in _SOURCE_ROLES else (suffix,)
             matches = (by_lower.get(candidate + ending) for ending in endings for candidate in candidates)
             column = next((name for name in matches if name), None)
             if column is not None:
@@ -137,9 +137,9 @@ class _CatalogueColumns:
             if role not in self.names and not (role == "epoch" and epoch is not None):
                 remedy = "; epoch= says that of all rows (--epochs NAME=EPOCH)" if role == "epoch" else ""
                 raise TableError(f"{table.label}: {missing_column(role + suffix, table)}{remedy}")
-        self.data = table.columns(tuple(dict.fromkeys(self.names.values())))
+        self.columns = table.columns(tuple(dict.fromkeys(self.names.values())))
 
-    def numbers(self, role, n):
+    def read_numbers(self, role, n):
         """A column in our units, nan where nothing is, and all nan where there is no such column."""
         if role not in self.names:
             return np.full(n, np.nan)
@@ -147,74 +147,74 @@ class _CatalogueColumns:
         unit = _UNITS.get(role.removesuffix("_error"))
         if role in ("ra_error", "dec_error"):
             unit = "mas"
-        factor = 1.0 if unit is None else unit_factor(name, self.opened.units.get(name), unit)
-        return np.ma.filled(as_doubles(name, *self.data[name]), np.nan) * factor
+        factor = 1.0 if unit is None else unit_factor(name, self.table.units.get(name), unit)
+        return np.ma.filled(as_doubles(name, *self.columns[name]), np.nan) * factor
 
-    def words(self, role):
+    def read_texts(self, role):
         """A column of text."""
-        values, _ = self.data[self.names[role]]
+        values, _ = self.columns[self.names[role]]
         return np.array([value.decode() if isinstance(value, bytes) else str(value) for value in np.asarray(values)])
 
-    def names_of_calibrators(self, n):
+    def read_calibrator_names(self, n):
         """Names of the calibrators of the rows; empty where there is none."""
         if "calibrator" not in self.names:
             return np.full(n, "")
-        _, mask = self.data[self.names["calibrator"]]
-        return np.where(False if mask is None else mask, "", self.words("calibrator"))
+        _, mask = self.columns[self.names["calibrator"]]
+        return np.where(False if mask is None else mask, "", self.read_texts("calibrator"))
 
-    def covariance(self, n):
+    def compute_covariance(self, n):
         """Covariance of the five parameters, (n, 5, 5), from their errors and correlations. [µas, µas/yr]"""
-        sigma = MAS * np.stack([self.numbers(f"{parameter}_error", n) for parameter in _FIVE])
+        sigma = MAS * np.stack([self.read_numbers(f"{parameter}_error", n) for parameter in _PARAMETERS])
         if (sigma < 0).any():
-            raise TableError(f"{self.opened.label}: {int((sigma < 0).sum())} errors are negative")
-        tiny = (sigma > 0) & (sigma < _LEAST)
+            raise TableError(f"{self.table.label}: {int((sigma < 0).sum())} errors are negative")
+        tiny = (sigma > 0) & (sigma < _SMALLEST_ERROR)
         if tiny.any():
             raise TableError(
-                f"{self.opened.label}: {int(tiny.sum())} errors are below {_LEAST / MAS:g} mas, of row "
+                f"{self.table.label}: {int(tiny.sum())} errors are below {_SMALLEST_ERROR / MAS:g} mas, of row "
                 f"{int(np.flatnonzero(tiny.any(0))[0])} say, which nobody measures: 0 stands for what was not measured"
             )
-        matrix = np.tile(np.eye(5), (n, 1, 1))
+        correlations = np.tile(np.eye(5), (n, 1, 1))
         for role, (i, j) in _CORRELATIONS.items():
             if role in self.names:
-                matrix[:, i, j] = matrix[:, j, i] = np.nan_to_num(self.numbers(role, n))
-        return matrix * sigma.T[:, :, None] * sigma.T[:, None, :]
+                correlations[:, i, j] = correlations[:, j, i] = np.nan_to_num(self.read_numbers(role, n))
+        return correlations * sigma.T[:, :, None] * sigma.T[:, None, :]
 
-    def astrometry(self, label, once=False, still=False):
+    def read_rows(self, label, drops_repeats=False, still=False):
         """The rows; each once where the table repeats them beside those of another catalogue."""
-        names = np.char.strip(self.words("name"))
+        names = np.char.strip(self.read_texts("name"))
         n = len(names)
         if not n:
-            raise TableError(f"{self.opened.label}: the table has no rows")
-        positions = {role: self.numbers(role, n) for role in ("ra", "dec")}
-        assumed = "ra" in self.names and self.opened.units.get(self.names["ra"]) is None
-        doubt_positions(positions, assumed, names=self.names)
+            raise TableError(f"{self.table.label}: the table has no rows")
+        positions = {role: self.read_numbers(role, n) for role in ("ra", "dec")}
+        is_unit_assumed = "ra" in self.names and self.table.units.get(self.names["ra"]) is None
+        check_degrees(positions, is_unit_assumed, names=self.names)
         lon, lat = positions["ra"] * DEGREE, positions["dec"] * DEGREE
-        parallax, *motion = (MAS * self.numbers(parameter, n) for parameter in _FIVE[2:])
-        at_rest = np.nan_to_num(self.numbers("still", n)) != 0 if "still" in self.names else np.full(n, still)
-        epoch = self.numbers("epoch", n) if "epoch" in self.names else np.full(n, float(self.epoch))
+        parallax, *motion = (MAS * self.read_numbers(parameter, n) for parameter in _PARAMETERS[2:])
+        at_rest = np.nan_to_num(self.read_numbers("still", n)) != 0 if "still" in self.names else np.full(n, still)
+        epoch = self.read_numbers("epoch", n) if "epoch" in self.names else np.full(n, float(self.epoch))
         columns = {
             "name": names,
-            "catalogue": self.words("catalogue") if "catalogue" in self.names else np.full(n, label),
+            "catalogue": self.read_texts("catalogue") if "catalogue" in self.names else np.full(n, label),
             "epoch": epoch, "lon": lon, "lat": lat, "parallax": parallax,
-            "motion": np.stack(motion), "covariance": self.covariance(n), "still": at_rest,
-            "calibrator": self.names_of_calibrators(n),
-            **{role: self.numbers(role, n) for role in ("radial_velocity", "magnitude")},
+            "motion": np.stack(motion), "covariance": self.compute_covariance(n), "still": at_rest,
+            "calibrator": self.read_calibrator_names(n),
+            **{role: self.read_numbers(role, n) for role in ("radial_velocity", "magnitude")},
         }  # fmt: skip
-        keep = np.ones(n, bool)
-        if once:
+        is_kept = np.ones(n, bool)
+        if drops_repeats:
             measurements = np.nan_to_num(np.column_stack([columns["epoch"], lon, lat, parallax, *motion]), nan=-1e300)
-            numbers = np.unique(names, return_inverse=True)[1].ravel()
-            keep[:] = False
-            keep[np.unique(np.column_stack([numbers, measurements]), axis=0, return_index=True)[1]] = True
-        notes = tuple(self.opened.notes)
-        empty = keep & ~(np.diagonal(columns["covariance"], axis1=1, axis2=2) > 0).any(1)
-        if empty.any() and not empty[keep].all():
-            notes += (f"{self.opened.label}: {int(empty.sum())} rows measure nothing with an error, and are left out",)
-            keep &= ~empty
-        selection: dict[str, Any] = {
-            role: value[:, keep] if role == "motion" else value[keep] for role, value in columns.items()
+            name_indices = np.unique(names, return_inverse=True)[1].ravel()
+            is_kept[:] = False
+            is_kept[np.unique(np.column_stack([name_indices, measurements]), axis=0, return_index=True)[1]] = True
+        notes = tuple(self.table.notes)
+        empty = is_kept & ~(np.diagonal(columns["covariance"], axis1=1, axis2=2) > 0).any(1)
+        if empty.any() and not empty[is_kept].all():
+            notes += (f"{self.table.label}: {int(empty.sum())} rows measure nothing with an error, and are left out",)
+            is_kept &= ~empty
+        kept_columns: dict[str, Any] = {
+            role: value[:, is_kept] if role == "motion" else value[is_kept] for role, value in columns.items()
         }
-        return AstrometryRows(**selection, notes=notes)
+        return AstrometryRows(**kept_columns, notes=notes)
 
 
 def write_astrometry(
@@ -241,7 +241,7 @@ def write_astrometry(
         "ra": astrometry.lon / DEGREE, "dec": astrometry.lat / DEGREE, "parallax": astrometry.parallax / MAS,
         "pmra": astrometry.motion[0] / MAS, "pmdec": astrometry.motion[1] / MAS,
     }  # fmt: skip
-    columns |= {f"{parameter}_error": sigma[:, k] / MAS for k, parameter in enumerate(_FIVE)}
+    columns |= {f"{parameter}_error": sigma[:, k] / MAS for k, parameter in enumerate(_PARAMETERS)}
     with np.errstate(invalid="ignore"):
         for role, (i, j) in _CORRELATIONS.items():
             columns[role] = astrometry.covariance[:, i, j] / (sigma[:, i] * sigma[:, j])

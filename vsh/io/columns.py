@@ -27,9 +27,9 @@ def missing_column(name: str | None, source: TableSource) -> str:
     candidates = [column for column in names[:2000] if column.lower() not in REQUIRED]  # those are what they are called
     nearest = nearest or get_close_matches(str(name), candidates, n=3, cutoff=0.6)
     hint = f"; nearest: {', '.join(map(printable, nearest))}" if nearest else ""
-    labels = list(map(printable, names[:200]))
+    shown_names = list(map(printable, names[:200]))
     suffix = f" and {len(names) - 200} more" if len(names) > 200 else ""
-    return f"no column {printable(name)!r}. The table has {', '.join(labels)}{suffix}{hint}{source.others}"
+    return f"no column {printable(name)!r}. The table has {', '.join(shown_names)}{suffix}{hint}{source.others}"
 
 
 def parse_unit(unit: Any) -> Any:
@@ -38,32 +38,32 @@ def parse_unit(unit: Any) -> Any:
 
 
 #: How units are written that astropy does not know so.
-_SPELLED = {
+_UNIT_SPELLINGS = {
     "see description": "",
     "degrees": "deg", "degree": "deg", "hours": "hourangle", "milliarcsec": "mas", "microarcsec": "uas", "muas": "uas",
 }  # fmt: skip
 #: What units are written within, and spellings of a numerator and of a time.
 _FRAMED = re.compile(r"\s*(?:angular velocity|angle|dimensionless)?\s*\[(.*)\]\s*", re.IGNORECASE)
-_WITHIN = (
+_UNIT_REPLACEMENTS = (
     (re.compile(r"^(?:muas|micro-?arcsec)\b"), "uas"),
     (re.compile(r"^milli-?arcsec\b"), "mas"),
     (re.compile(r"/\s*(?:y|years?|yrs|a)$"), "/yr"),
     (re.compile(r"^(.*)/\s*(?:century|cy)$"), r"0.01 \1/yr"),
 )
 #: Sexagesimal text, which is made degrees as it is read.
-_SPELLED |= dict.fromkeys(("h:m:s", "d:m:s", '"h:m:s"', '"d:m:s"'), "deg")
+_UNIT_SPELLINGS |= dict.fromkeys(("h:m:s", "d:m:s", '"h:m:s"', '"d:m:s"'), "deg")
 
 
 @lru_cache(1000)
 def _parse_unit(unit):
-    unit = framed[1] if (framed := _FRAMED.fullmatch(unit)) else unit
-    unit = _SPELLED.get(unit.strip().lower(), unit)
+    unit = match[1] if (match := _FRAMED.fullmatch(unit)) else unit
+    unit = _UNIT_SPELLINGS.get(unit.strip().lower(), unit)
     spelled = unit.strip().lower()
-    for pattern, replacement in _WITHIN:
+    for pattern, replacement in _UNIT_REPLACEMENTS:
         spelled = pattern.sub(replacement, spelled)
-    for text, form in (*product((unit,), ("generic", "vounit", "cds", "ogip")), (spelled, "generic")):
+    for spelling, form in (*product((unit,), ("generic", "vounit", "cds", "ogip")), (spelled, "generic")):
         try:
-            return u.Unit(text, format=form)
+            return u.Unit(spelling, format=form)
         except (ValueError, TypeError):
             continue
     return u.Unit(unit)

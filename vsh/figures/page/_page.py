@@ -69,11 +69,11 @@ def paragraph(text: str, kind: str = "") -> Panel:
 
 def facts(entries: Iterable[tuple[Any, Any]], kind: str = "") -> Panel:
     """Words with a label in front of each, broken where they are too long; those of the kind "answer" are large."""
-    rows = "".join(
+    rows_html = "".join(
         f"<tr><th scope='row'>{escape(str(label))}</th><td class='broken'>{escape(str(text))}</td></tr>"
         for label, text in entries
     )
-    return Panel(f"<div class='wide {kind}'><table><tbody>{rows}</tbody></table></div>" if rows else "")
+    return Panel(f"<div class='wide {kind}'><table><tbody>{rows_html}</tbody></table></div>" if rows_html else "")
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool = False, summary: str = "") -> Panel:
@@ -81,58 +81,58 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool
     cell = "<th scope='col'>{}</th>"
     if sortable:
         cell = "<th scope='col' aria-sort='none'><button type='button'>{}</button></th>"
-    head = "".join(cell.format(escape(title)) if title else "<td></td>" for title in heads)
-    body = "".join(_row(row) for row in rows)
+    head_html = "".join(cell.format(escape(title)) if title else "<td></td>" for title in heads)
+    body = "".join(_format_row(row) for row in rows)
     tag = '<table class="sortable">' if sortable else "<table>"
-    inner = f"{tag}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    table_html = f"{tag}<thead><tr>{head_html}</tr></thead><tbody>{body}</tbody></table>"
     # What scrolls must be reached by keys, and so be named.
-    html = f'<div class="wide" tabindex="0" role="group" aria-label="{escape(summary or "table")}">{inner}</div>'
+    html = f'<div class="wide" tabindex="0" role="group" aria-label="{escape(summary or "table")}">{table_html}</div>'
     if summary:
         html = f"<details><summary>{escape(summary)}</summary>{html}</details>"
     return Panel(html, ("tables",) if sortable else ())
 
 
-def _row(row):
+def _format_row(row):
     """A row of a table, whose words may be broken and whose numbers may not."""
     label, *cells = map(str, row)
-    kinds = (" class='broken'" if len(cell) > _WORDS else "" for cell in cells)
-    inner = "".join(f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(kinds, cells))
-    return f"<tr><th scope='row'>{escape(label)}</th>{inner}</tr>"
+    class_attributes = (" class='broken'" if len(cell) > _MAX_NUMBER_LENGTH else "" for cell in cells)
+    cells_html = "".join(f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(class_attributes, cells))
+    return f"<tr><th scope='row'>{escape(label)}</th>{cells_html}</tr>"
 
 
 #: Longer cells of a table are words.
-_WORDS = 32
+_MAX_NUMBER_LENGTH = 32
 #: Rows of a table that a page shows.
-_ROWS = 200
+_MAX_ROWS = 200
 
 
 def section(part: Section) -> Panel:
     """A section of a result: its title, facts, table, remarks and notes."""
     table_panel = footnote = Panel("")
     if (rows := part.shown) is not None:
-        table_panel = table(*format_table(rows[:_ROWS], part.forms), sortable=True)
+        table_panel = table(*format_table(rows[:_MAX_ROWS], part.forms), sortable=True)
         footnote = paragraph(
-            f"The first {_ROWS} of {len(rows)} rows; the files have all." if len(rows) > _ROWS else "", "faint"
+            f"The first {_MAX_ROWS} of {len(rows)} rows; the files have all." if len(rows) > _MAX_ROWS else "", "faint"
         )
-    inner = "".join(f"<li>{escape(str(entry))}</li>" for entry in dict.fromkeys(map(str, part.notes)))
-    notes = Panel(f"<ul>{inner}</ul>" if inner else "")
+    list_html = "".join(f"<li>{escape(str(entry))}</li>" for entry in dict.fromkeys(map(str, part.notes)))
+    notes = Panel(f"<ul>{list_html}</ul>" if list_html else "")
     return heading(part.title, facts(part.facts), table_panel, footnote, *map(paragraph, part.remarks), notes)
 
 
 def figure(picture: bytes, caption: str) -> Panel:
     """A picture, a PNG, with its caption."""
-    data = base64.b64encode(picture).decode()
-    text = escape(caption)
+    encoded_picture = base64.b64encode(picture).decode()
+    escaped_caption = escape(caption)
     return Panel(
-        f'<figure class="picture"><img alt="{text}"'
-        f' src="data:image/png;base64,{data}"><figcaption>{text}</figcaption></figure>'
+        f'<figure class="picture"><img alt="{escaped_caption}"'
+        f' src="data:image/png;base64,{encoded_picture}"><figcaption>{escaped_caption}</figcaption></figure>'
     )
 
 
 def picture_row(figures: Sequence[Panel]) -> Panel:
     """Figures beside each other where the page is wide enough."""
-    inner = "".join(panel.html for panel in figures)
-    return Panel(f'<div class="pictures">{inner}</div>' if inner else "")
+    figures_html = "".join(panel.html for panel in figures)
+    return Panel(f'<div class="pictures">{figures_html}</div>' if figures_html else "")
 
 
 def figure_panels(drawn: Mapping[str, Any], captions: Mapping[str, str]) -> Panel:
@@ -144,8 +144,8 @@ def figure_panels(drawn: Mapping[str, Any], captions: Mapping[str, str]) -> Pane
 
 def notes(lines: Iterable[object]) -> Panel:
     """A list of notes."""
-    inner = "".join(f"<li>{escape(str(line))}</li>" for line in lines)
-    return heading("Notes", Panel(f"<ul>{inner}</ul>" if inner else ""))
+    list_html = "".join(f"<li>{escape(str(line))}</li>" for line in lines)
+    return heading("Notes", Panel(f"<ul>{list_html}</ul>" if list_html else ""))
 
 
 def preformatted_panel(text: str, label: str = "report") -> Panel:
@@ -187,38 +187,38 @@ def page(title: str, panels: Iterable[Panel], *, lead: str = "", source: str = "
     str
         A Content-Security-Policy in it allows its own style and scripts, by their hashes, and pictures within it.
     """
-    contents = [panel for panel in panels if panel.html]
+    shown_panels = [panel for panel in panels if panel.html]
     headings: dict[str, str] = {}
 
-    def mark(found: re.Match[str]) -> str:
+    def add_anchor(match: re.Match[str]) -> str:
         """A heading with its anchor, which is its own even where two have the same words."""
-        anchor = re.sub(r"\W+", "-", unescape(found[1]).lower()).strip("-")
+        anchor = re.sub(r"\W+", "-", unescape(match[1]).lower()).strip("-")
         anchor = f"{anchor}-{len(headings)}" if anchor in headings else anchor
-        headings[anchor] = found[1]
-        return f'<h2 id="{anchor}">{found[1]}</h2>'
+        headings[anchor] = match[1]
+        return f'<h2 id="{anchor}">{match[1]}</h2>'
 
-    body = re.sub("<h2>(.*?)</h2>", mark, "\n".join(panel.html for panel in contents))
+    body = re.sub("<h2>(.*?)</h2>", add_anchor, "\n".join(panel.html for panel in shown_panels))
     links = "".join(f'<li><a href="#{anchor}">{text}</a></li>' for anchor, text in headings.items())
-    script_names = list(dict.fromkeys(script for panel in contents for script in panel.scripts))
-    texts = [d3_script() if name == "d3" else _asset(f"{name}.js") for name in script_names]
-    style = _asset("page.css")
-    return Template(_asset("page.html")).substitute(
+    script_names = list(dict.fromkeys(script for panel in shown_panels for script in panel.scripts))
+    script_texts = [d3_script() if name == "d3" else _read_asset(f"{name}.js") for name in script_names]
+    style = _read_asset("page.css")
+    return Template(_read_asset("page.html")).substitute(
         title=escape(title),
         name=escape(f"{source}: {title}" if source else title),
         lead=f'<p class="lead">{escape(lead)}</p>' if lead else "",
         style=style,
-        style_hash=_hash(style),
+        style_hash=_format_policy_hash(style),
         contents=f'<nav class="contents" aria-label="contents"><ul>{links}</ul></nav>' if len(headings) > 3 else "",
         body=body,
-        scripts="\n".join(f"<script>{text}</script>" for text in texts),
-        script_hashes=" ".join(map(_hash, texts)) or "'none'",
+        scripts="\n".join(f"<script>{text}</script>" for text in script_texts),
+        script_hashes=" ".join(map(_format_policy_hash, script_texts)) or "'none'",
     )
 
 
 @lru_cache
 def d3_script() -> str:
     """The script that projects the sky, d3 with its licences."""
-    return f"/*\n{_asset('d3.LICENSES.txt').replace('*/', '')}*/\n{_asset('d3.min.js')}"
+    return f"/*\n{_read_asset('d3.LICENSES.txt').replace('*/', '')}*/\n{_read_asset('d3.min.js')}"
 
 
 def write_page(path: PathName, text: str, *, overwrite: bool = False) -> None:
@@ -237,11 +237,11 @@ def write_page(path: PathName, text: str, *, overwrite: bool = False) -> None:
         temporary_path.write_text(text, encoding="utf-8")
 
 
-def _hash(text):
+def _format_policy_hash(text):
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
-def _asset(name):
+def _read_asset(name):
     return files("vsh.figures.page").joinpath(name).read_text(encoding="utf-8")
 
 
@@ -251,7 +251,7 @@ MAX_SOURCES = 20_000
 STEP = 9.2
 #: Degrees that the page can go through.
 MAX_LMAX = 15
-_KINDS = ("TS", "T", "S")
+_KIND_COMBINATIONS = ("TS", "T", "S")
 
 
 @dataclass(frozen=True)
@@ -281,48 +281,48 @@ def sky(*shown: ShownSolution) -> Panel:
     """
     if len(shown) not in (1, 2):
         raise ParameterError(f"one or two solutions are shown side by side, not {len(shown)}")
-    if len({item.field.frame for item in shown}) > 1 or len({item.unit for item in shown}) > 1:
+    if len({solution.field.frame for solution in shown}) > 1 or len({solution.unit for solution in shown}) > 1:
         raise ParameterError("solutions side by side must have one frame and one unit")
-    sent = [_sky_data(item) for item in shown]
-    data = {
+    skies = [_collect_sky_data(solution) for solution in shown]
+    sky_data = {
         "axes": ANGLES[shown[0].field.frame],
         "unit": shown[0].unit,
         "sure": SURE,
         "chance": CHANCE,
         "longest": LONGEST * STEP / 12.0,
         "grid": dict(zip(("lon", "lat"), (_encode_floats(np.degrees(item)) for item in even_grid(STEP)), strict=True)),
-        "skies": sent,
+        "skies": skies,
     }
-    top = max(item["lmax"] for item in sent)
-    figures = "".join(_figure(i, item, sent[i]["sent"]) for i, item in enumerate(shown))
-    marked = " and ".join(dict.fromkeys(mark["name"] for item in sent for mark in item["marks"]))
+    top_degree = max(entry["lmax"] for entry in skies)
+    figures = "".join(_make_sky_figure(i, solution, skies[i]["sent"]) for i, solution in enumerate(shown))
+    mark_names = " and ".join(dict.fromkeys(mark["name"] for entry in skies for mark in entry["marks"]))
     # "<" would end the block wherever a name holds "</script>".
-    blob = json.dumps(data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
-    controls = Template(_asset("controls.html")).substitute(top=top)
-    inner = f'{controls}<div class="skies">{figures}</div>{_keys(marked)}'
+    json_text = json.dumps(sky_data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+    controls = Template(_read_asset("controls.html")).substitute(top=top_degree)
+    inner = f'{controls}<div class="skies">{figures}</div>{_make_key_help(mark_names)}'
     return Panel(
         f'<section class="sky" aria-label="interactive sky">{inner}</section>'
-        f'<script type="application/json" id="sky-data">{blob}</script>',
+        f'<script type="application/json" id="sky-data">{json_text}</script>',
         ("d3", "sky"),
     )
 
 
-def _keys(pointed):
-    stars = f" Stars with circles show where {pointed} point{'' if ' and ' in pointed else 's'}, with 68 % cones."
+def _make_key_help(mark_names):
+    stars = f" Stars with circles show where {mark_names} point{'' if ' and ' in mark_names else 's'}, with 68 % cones."
     return (
         '<p class="faint" id="sky-keys">Drag the sky or use the arrow keys to turn it, + and − to zoom, 0 to go back,'
         " and n and p to step through the sources. Tap a source, or a name in a table below, to see where it is."
         f" Noise alone colours {100 * CHANCE:.0f} % of the arrows; where the field is not detected all are grey."
-        f"{stars if pointed else ''}</p>"
+        f"{stars if mark_names else ''}</p>"
     )
 
 
-def _figure(i, solution, sent):
+def _make_sky_figure(i, solution, sent):
     n = solution.n_sources or len(solution.field)
     caption = f"{sent} of {n} sources, those with the most significant residuals" if sent < n else f"all {n} sources"
     caption = f"{solution.label}: {caption}" if solution.label else caption
     return (
-        f"<figure>{_still(solution)}"
+        f"<figure>{_draw_still_image(solution)}"
         f'<canvas tabindex="0" role="img" aria-label="{escape(solution.label)} sky with the fitted field as'
         f' arrows; the text below says what is shown" aria-describedby="said-{i} sky-keys"></canvas><figcaption><p'
         f' class="faint">{escape(caption)}</p><p class="said" id="said-{i}" role="status"'
@@ -330,7 +330,7 @@ def _figure(i, solution, sent):
     )
 
 
-def _still(solution):
+def _draw_still_image(solution):
     """The picture that stands there where no script runs."""
     with allow_many_figures():  # those of the page are open
         axes = plot_field(solution.field, solution.coefficients, covariance=solution.covariance, unit=solution.unit)
@@ -339,7 +339,7 @@ def _still(solution):
     return f'<img class="still" alt="the sources, and the motions fitted to them" src="data:image/png;base64,{data}">'
 
 
-def _sky_data(solution):
+def _collect_sky_data(solution):
     modes, field = solution.coefficients.modes, solution.field
     if np.shape(solution.covariance) != (len(modes), len(modes)):
         raise ParameterError(f"covariance has shape {np.shape(solution.covariance)}, the coefficients are {len(modes)}")
@@ -362,12 +362,12 @@ def _sky_data(solution):
             "residual": _encode_floats(residual[:, order]),
             "sigmas": _encode_floats(np.sqrt(chi2[order])),
         },
-        **_grid_data(solution, *even_grid(STEP)),
-        "marks": _marks(solution),
+        **_compute_grid_data(solution, *even_grid(STEP)),
+        "marks": _list_marks(solution),
     }
 
 
-def _grid_data(solution, lon, lat):
+def _compute_grid_data(solution, lon, lat):
     """The field of each degree and kind on the grid, and the variance of every sum the page can show."""
     modes, covariance = solution.coefficients.modes, np.asarray(solution.covariance, float)
     basis = harmonics(lon, lat, modes)
@@ -379,18 +379,18 @@ def _grid_data(solution, lon, lat):
             selection = (degrees == l) & (kinds == kind)
             fields.append(_encode_floats(np.tensordot(solution.coefficients.values[selection], basis[selection], 1)))
     for is_single in (False, True):
-        for combination in _KINDS:
+        for combination in _KIND_COMBINATIONS:
             for l in range(1, lmax + 1):
                 selection = np.isin(kinds, list(combination)) & ((degrees == l) if is_single else (degrees <= l))
                 east, north = np.moveaxis(basis[selection], 1, 0)
-                block = covariance[np.ix_(selection, selection)]
-                with_east = block @ east
-                moments = np.sum([with_east * east, (block @ north) * north, with_east * north], axis=1)
+                covariance_block = covariance[np.ix_(selection, selection)]
+                with_east = covariance_block @ east
+                moments = np.sum([with_east * east, (covariance_block @ north) * north, with_east * north], axis=1)
                 variances.append(_encode_floats(moments))
     return {"fields": fields, "variances": variances}
 
 
-def _marks(solution):
+def _list_marks(solution):
     names = ("acceleration", "spin") if solution.unit == "µas/yr" else ("glide", "rotation")
     marks: list[dict[str, Any]] = []
     for name, kind in zip(names, "ST", strict=True):
@@ -425,8 +425,8 @@ def widget(*shown: ShownSolution, height: int = 720) -> Any:
     ParameterError
         As `sky` does.
     """
-    inner = escape(page("", [sky(*shown)]), quote=True)
-    html = f'<iframe srcdoc="{inner}" style="width: 100%; height: {height}px; border: 0" title="sky"></iframe>'
+    page_html = escape(page("", [sky(*shown)]), quote=True)
+    html = f'<iframe srcdoc="{page_html}" style="width: 100%; height: {height}px; border: 0" title="sky"></iframe>'
     if find_spec("ipywidgets") is None:
         return SimpleNamespace(_repr_html_=lambda: html)  # which notebooks show
     import ipywidgets

@@ -96,7 +96,7 @@ def draw_vectors(
         color = np.asarray(color)[has_motion][fits]
     style = {"zorder": 4} | style
     shafts = LineCollection(list(lines), colors=color, linewidths=linewidth, capstyle="butt", **style)
-    heads = PolyCollection(_heads(lines, 4.2 * linewidth + 8.0), facecolors=color, edgecolors="none", **style)
+    heads = PolyCollection(_make_heads(lines, 4.2 * linewidth + 8.0), facecolors=color, edgecolors="none", **style)
     axes.add_collection(shafts, autolim=False)
     axes.add_collection(heads, autolim=False)
     return shafts
@@ -104,12 +104,12 @@ def draw_vectors(
 
 def draw_key(axes: SkyAxes, largest: float, unit: str, longest: float = LONGEST) -> None:
     """An arrow of a round length beside the map, where one of the size `largest` is drawn `longest` [deg]."""
-    power = 10 ** np.floor(np.log10(largest))
-    length = float(max(k * power for k in (1, 2, 5) if k == 1 or k * power <= largest))
-    share = np.radians(longest) / (2 * PROJECTIONS[axes.projection_name][1]) * length / largest
+    power_of_ten = 10 ** np.floor(np.log10(largest))
+    length = float(max(k * power_of_ten for k in (1, 2, 5) if k == 1 or k * power_of_ten <= largest))
+    arrow_share = np.radians(longest) / (2 * PROJECTIONS[axes.projection_name][1]) * length / largest
     axes.annotate(
         "",
-        (share, 0.055),
+        (arrow_share, 0.055),
         (0.0, 0.055),
         xycoords="axes fraction",
         arrowprops={
@@ -135,29 +135,29 @@ def draw_key(axes: SkyAxes, largest: float, unit: str, longest: float = LONGEST)
 def arrow_lines(
     axes: SkyAxes, lon: FloatArray, lat: FloatArray, motion: FloatArray, length: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Points of each arrow on the map, tail to tip."""
+    """Points on the map of each arrow that fits there, tail to tip, and which arrows do, a mask."""
     p, q, r = triad(lon, lat)
     east, north = motion / np.hypot(*motion)
     along = east * p + north * q
     lines = np.full((lon.size, _POINTS, 2), np.nan)
-    missing = np.arange(lon.size)
+    unplaced = np.arange(lon.size)
     for before, share in _PLACES:
-        if not missing.size:
+        if not unplaced.size:
             break
-        t = (np.linspace(0, 1, _POINTS)[:, None] - before) * share * length[missing]
-        points = np.cos(t) * r[:, None, missing] + np.sin(t) * along[:, None, missing]
-        at, up = angles(points.reshape(3, -1))
-        xy, native = axes.project(at.reshape(t.shape), up.reshape(t.shape))
-        good = np.isfinite(xy).all((0, 2))
+        t = (np.linspace(0, 1, _POINTS)[:, None] - before) * share * length[unplaced]
+        points = np.cos(t) * r[:, None, unplaced] + np.sin(t) * along[:, None, unplaced]
+        point_lon, point_lat = angles(points.reshape(3, -1))
+        xy, native = axes.project(point_lon.reshape(t.shape), point_lat.reshape(t.shape))
+        is_on_map = np.isfinite(xy).all((0, 2))
         if axes.is_whole:
-            good &= (np.abs(np.diff(native, axis=0)) < 180).all(0)
-        lines[missing[good]] = np.moveaxis(xy[:, good], 0, 1)
-        missing = missing[~good]
+            is_on_map &= (np.abs(np.diff(native, axis=0)) < 180).all(0)
+        lines[unplaced[is_on_map]] = np.moveaxis(xy[:, is_on_map], 0, 1)
+        unplaced = unplaced[~is_on_map]
     fits = np.isfinite(lines).all((1, 2))
     return lines[fits], fits
 
 
-def _heads(lines, size):
+def _make_heads(lines, head_length):
     """Triangles at the tips."""
     if not len(lines):
         return []
@@ -166,9 +166,9 @@ def _heads(lines, size):
     along = tip - lines[:, -3]
     along = along / np.maximum(np.hypot(*along.T), 1e-12)[:, None]
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    size = np.minimum(size, 0.55 * chord)
-    back, side = tip - 0.75 * size * along, 0.42 * size * across
-    return list(np.stack([tip + 0.25 * size * along, back + side, back - side], axis=1))
+    head_length = np.minimum(head_length, 0.55 * chord)
+    back, side = tip - 0.75 * head_length * along, 0.42 * head_length * across
+    return list(np.stack([tip + 0.25 * head_length * along, back + side, back - side], axis=1))
 
 
 def even_grid(step: float = 12.0) -> tuple[FloatArray, FloatArray]:
@@ -204,9 +204,9 @@ def _whole_sky_rings(step):
 def _half_sky_rings(step):
     """The middle, and rings about it to half a step off the limb."""
     yield 90.0, np.zeros(1)
-    rings = int((90 - step / 2) / step)
-    for i in range(1, rings + 1):
-        distance = i * (90 - step / 2) / rings
+    n_rings = int((90 - step / 2) / step)
+    for i in range(1, n_rings + 1):
+        distance = i * (90 - step / 2) / n_rings
         n = max(6, round(360 * np.sin(np.radians(distance)) / step))
         yield 90 - distance, (np.arange(n) + 0.5 * (i % 2)) * 360 / n
 
@@ -219,9 +219,9 @@ SURE, TOP = float(np.sqrt(-2 * np.log(CHANCE))), 6.0
 
 def significance_of(motion: FloatArray, basis: FloatArray, covariance: FloatArray) -> FloatArray:
     """√(vᵀC⁻¹v) of each motion, whose square is χ² with two degrees of freedom where there is noise alone."""
-    block = np.einsum("pin,pq,qjn->nij", basis, covariance, basis, optimize=True)
+    motion_covariance = np.einsum("pin,pq,qjn->nij", basis, covariance, basis, optimize=True)
     with np.errstate(invalid="ignore", divide="ignore"):
-        (a, c), (_, b) = np.moveaxis(block, 0, -1)
+        (a, c), (_, b) = np.moveaxis(motion_covariance, 0, -1)
         east, north = motion
         return np.asarray(np.sqrt((east**2 * b - 2 * east * north * c + north**2 * a) / (a * b - c**2)))
 
@@ -283,21 +283,21 @@ def plot_field(
     modes = coefficients.modes
     if covariance is not None and np.shape(covariance) != (len(modes), len(modes)):
         raise ParameterError(f"covariance has shape {np.shape(covariance)}, the coefficients are {len(modes)}")
-    is_known = covariance is not None and bool(np.isfinite(covariance).all())
-    chance = chance_of(coefficients.values, np.asarray(covariance)) if is_known else 0.0
+    is_covariance_known = covariance is not None and bool(np.isfinite(covariance).all())
+    chance = chance_of(coefficients.values, np.asarray(covariance)) if is_covariance_known else 0.0
     is_noise = chance >= SEEN
-    below = 0.95 if covariance is not None and not is_noise else 0.5
-    axes = sky_axes(frame if field is None else field.frame, ax, projection=projection, centre=centre, below=below)
-    hatching = _draw_where_sources_are(axes, field)
+    room_below = 0.95 if covariance is not None and not is_noise else 0.5
+    axes = sky_axes(frame if field is None else field.frame, ax, projection=projection, centre=centre, below=room_below)
+    hatching = _draw_sources_and_gaps(axes, field)
     lon, lat = arrow_grid(axes)
     motion = coefficients.at(lon, lat)
     colour: Any = COLOURS[0]
     if is_noise:
         colour = _NOISE
-    elif is_known:
+    elif is_covariance_known:
         basis = harmonics(lon, lat, modes)
         significance = significance_of(motion, basis, np.asarray(covariance))
-        colour = _significance_colours()(np.clip(np.nan_to_num(significance), 0, TOP) / TOP)
+        colour = _make_significance_colours()(np.clip(np.nan_to_num(significance), 0, TOP) / TOP)
     draw_vectors(axes, lon, lat, motion, color=colour)
     largest = float(np.hypot(*motion).max())
     if largest > 0:
@@ -321,15 +321,15 @@ def plot_field(
             title_fontsize=6.5,
         )
     if covariance is not None and not is_noise:
-        scale = ScalarMappable(Normalize(0, TOP), _significance_colours())
+        scale = ScalarMappable(Normalize(0, TOP), _make_significance_colours())
         bar = colour_bar(axes, scale, r"$\sqrt{v^T C^{-1} v}$ of an arrow (grey: $p > 0.05$)", extend="max", shrink=0.6)
         bar.set_ticks(range(0, int(TOP) + 1))
-    of = "T" if field is None else f"{len(field)} sources and t"
-    axes.set_title(title or f"{of}he field fitted to degree {modes.lmax}")
+    title_start = "T" if field is None else f"{len(field)} sources and t"
+    axes.set_title(title or f"{title_start}he field fitted to degree {modes.lmax}")
     return axes
 
 
-def _draw_where_sources_are(axes, field, **style):
+def _draw_sources_and_gaps(axes, field, **style):
     """Dots where sources stand, and hatching where none does; nothing without a field."""
     if field is None:
         return None
@@ -352,14 +352,14 @@ def plot_sources(field: Field, *, n_arrows: int = 300, ax: Axes | None = None) -
     """
     axes = sky_axes(field.frame, ax)
     draw_sources(axes, field.lon, field.lat)
-    indices = np.argsort(-np.sum((field.motion / field.sigma) ** 2, 0), kind="stable")[:n_arrows]
-    size = np.hypot(*field.motion[:, indices])
-    longest = float(np.quantile(size, 0.9)) if len(indices) else 0.0
+    surest = np.argsort(-np.sum((field.motion / field.sigma) ** 2, 0), kind="stable")[:n_arrows]
+    amplitude = np.hypot(*field.motion[:, surest])
+    longest = float(np.quantile(amplitude, 0.9)) if len(surest) else 0.0
     if longest > 0:
-        motion = field.motion[:, indices] * np.minimum(1, longest / np.maximum(size, 1e-300))
-        draw_vectors(axes, field.lon[indices], field.lat[indices], motion, scale=longest, linewidth=0.5)
-        shown = "" if len(indices) == len(field) else f", motions of the {len(indices)} surest"
-        axes.set_title(f"{len(field)} sources{shown}; longest arrow {longest:.3g} µas/yr", fontsize="small")
+        motion = field.motion[:, surest] * np.minimum(1, longest / np.maximum(amplitude, 1e-300))
+        draw_vectors(axes, field.lon[surest], field.lat[surest], motion, scale=longest, linewidth=0.5)
+        title_remark = "" if len(surest) == len(field) else f", motions of the {len(surest)} surest"
+        axes.set_title(f"{len(field)} sources{title_remark}; longest arrow {longest:.3g} µas/yr", fontsize="small")
     return axes
 
 
@@ -367,7 +367,7 @@ def plot_sources(field: Field, *, n_arrows: int = 300, ax: Axes | None = None) -
 _NOISE = "0.45"
 
 
-def _significance_colours():
+def _make_significance_colours():
     steps = np.linspace(0, 1, 256)
     colours = mpl.colormaps[SIGNIFICANCE](steps)
     colours[steps < SURE / TOP] = mpl.colors.to_rgba(FADED)
@@ -420,5 +420,5 @@ def plot_scalar_field(
     axes = plot_map(
         values, label, frame=frame, cmap=DIVERGING, title=title, ax=ax, vmin=middle - reach, vmax=middle + reach
     )
-    _draw_where_sources_are(axes, field, color="0.15", alpha=0.5)
+    _draw_sources_and_gaps(axes, field, color="0.15", alpha=0.5)
     return axes

@@ -28,18 +28,18 @@ PROJECTIONS = {
     "globe": ("SIN", 1.0),
     "polar": ("ZEA", np.sqrt(2)),
 }
-_WHOLE = ("hammer", "mollweide")
-_AXES = {"icrs": ("RA--", "DEC-"), "galactic": ("GLON", "GLAT"), "ecliptic": ("ELON", "ELAT")}
+_WHOLE_SKY = ("hammer", "mollweide")
+_AXIS_CODES = {"icrs": ("RA--", "DEC-"), "galactic": ("GLON", "GLAT"), "ecliptic": ("ELON", "ELAT")}
 #: Width of the map in pixels, in which everything is drawn.
-_WIDE = 1000
+_WIDTH_IN_PIXELS = 1000
 #: A point of type is so many pixels of a whole sky that is 9 cm wide.
-_POINT = _WIDE / (WIDTH * 72)
+_POINT = _WIDTH_IN_PIXELS / (WIDTH * 72)
 _SIZE = 6.0
 HALO = [withStroke(linewidth=1.6, foreground="white")]
 
 
 #: Look of the numbers of the graticule: over dots, under arrows, cones and stars.
-_LABEL: Any = {"fontsize": _SIZE, "color": "0.25", "zorder": 3, "gid": "graticule"}
+_LABEL_STYLE: Any = {"fontsize": _SIZE, "color": "0.25", "zorder": 3, "gid": "graticule"}
 
 
 class SkyAxes(WCSAxes):
@@ -60,7 +60,7 @@ class SkyAxes(WCSAxes):
     @property
     def is_whole(self) -> bool:
         """Return whether all of the sky is shown, and not the half about the centre."""
-        return self.projection_name in _WHOLE
+        return self.projection_name in _WHOLE_SKY
 
     def project(self, lon: ArrayLike, lat: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Positions on the map, and their longitude from its central meridian, for `lon`, `lat` of one shape. [rad]
@@ -108,7 +108,7 @@ class SkyAxes(WCSAxes):
         lon, lat : (n,) arrays
             Positions. [rad]
         """
-        upright = _wcs(self.sky_frame, self.projection_name, (0.0, 0.0 if self.is_whole else 90.0))
+        upright = _make_wcs(self.sky_frame, self.projection_name, (0.0, 0.0 if self.is_whole else 90.0))
         if not self.is_whole:
             upright.wcs.lonpole = 0.0
             upright.wcs.set()
@@ -158,8 +158,8 @@ def sky_axes(
             raise ParameterError(f"the map is in {ax.sky_frame} axes, what is drawn on it in {frame}")
         return ax
     centre = _check_centre(centre, projection)
-    wcs = _wcs(frame, projection, centre)
-    is_whole = projection in _WHOLE
+    wcs = _make_wcs(frame, projection, centre)
+    is_whole = projection in _WHOLE_SKY
     options: dict[str, Any] = {"axes_class": SkyAxes, "wcs": wcs, "frame_class": EllipticalFrame}
     axes: Any
     if ax is None:
@@ -198,15 +198,15 @@ def _check_centre(centre, projection):
     return lon % 360, float(np.clip(lat, -90 + 1e-6, 90 - 1e-6))
 
 
-def _wcs(frame, projection, centre):
+def _make_wcs(frame, projection, centre):
     code, radius = PROJECTIONS[projection]
-    height = _WIDE // 2
-    width = _WIDE if projection in _WHOLE else height
+    height = _WIDTH_IN_PIXELS // 2
+    width = _WIDTH_IN_PIXELS if projection in _WHOLE_SKY else height
     wcs = WCS(naxis=2)
-    wcs.wcs.ctype = [f"{axis}-{code}" for axis in _AXES[frame]]
-    step = 2 * np.degrees(radius) / width
-    wcs.wcs.cdelt, wcs.wcs.crpix, wcs.wcs.crval = [-step, step], [width / 2 + 0.5, height / 2 + 0.5], list(centre)
-    if projection in _WHOLE:
+    wcs.wcs.ctype = [f"{axis}-{code}" for axis in _AXIS_CODES[frame]]
+    scale = 2 * np.degrees(radius) / width
+    wcs.wcs.cdelt, wcs.wcs.crpix, wcs.wcs.crval = [-scale, scale], [width / 2 + 0.5, height / 2 + 0.5], list(centre)
+    if projection in _WHOLE_SKY:
         wcs.wcs.lonpole = 0.0 if centre[1] >= 0 else 180.0  # north up
     wcs.array_shape = (height, width)
     wcs.wcs.set()
@@ -223,39 +223,39 @@ def project_curve(axes: SkyAxes, lon: FloatArray, lat: FloatArray) -> FloatArray
 
 
 def _draw_graticule(axes):
-    style = {"color": "0.82", "linewidth": 0.4, "zorder": 1}
-    along, around = np.radians(np.linspace(-90, 90, 181)), np.radians(np.linspace(0, 360, 721))
+    line_style = {"color": "0.82", "linewidth": 0.4, "zorder": 1}
+    latitudes, longitudes = np.radians(np.linspace(-90, 90, 181)), np.radians(np.linspace(0, 360, 721))
     for lon in range(0, 360, 30):
-        axes.plot(*project_curve(axes, np.full(181, np.radians(lon)), along).T, **style)
+        axes.plot(*project_curve(axes, np.full(181, np.radians(lon)), latitudes).T, **line_style)
     for lat in range(-60, 61, 30):
-        axes.plot(*project_curve(axes, around, np.full(721, np.radians(lat))).T, **style)
+        axes.plot(*project_curve(axes, longitudes, np.full(721, np.radians(lat))).T, **line_style)
     # About a pole the equator is the rim: longitudes stand inside it.
-    at = 0.0
+    label_lat = 0.0
     if not axes.is_whole and abs(axes.centre[1]) >= 60:
-        at = np.copysign(20.0 if axes.projection_name == "polar" else 42.0, axes.centre[1])
-    labels = [(lon, at, f"{lon}°") for lon in range(0, 360, 60)]
+        label_lat = np.copysign(20.0 if axes.projection_name == "polar" else 42.0, axes.centre[1])
+    labels = [(lon, label_lat, f"{lon}°") for lon in range(0, 360, 60)]
     has_even_rim = axes.is_whole and abs(axes.centre[1]) < 1e-3
     for lat in (30, -30, 60, -60):
         text = f"{lat:+d}°".replace("-", "−")
         if has_even_rim:  # beside the map, where they hide nothing
             (x, y), _ = axes.project(np.radians(axes.centre[0] + 179.999), np.radians(lat))
-            axes.text(x - 0.6 * _POINT * _SIZE, y, text, ha="right", va="center", **_LABEL | {"gid": "rim"})
+            axes.text(x - 0.6 * _POINT * _SIZE, y, text, ha="right", va="center", **_LABEL_STYLE | {"gid": "rim"})
         else:
             labels.append((axes.centre[0], lat, text))
     boxes: list[tuple[float, float, float]] = []
     xy, native = axes.project(*np.radians([[lon, lat] for lon, lat, _ in labels]).T)
     for (x, y), from_middle, (_, _, text) in zip(xy, native, labels, strict=True):
-        half = 0.34 * _SIZE * _POINT * len(text)
+        half_text = 0.34 * _SIZE * _POINT * len(text)
         # Outside the limb, or half over it.
-        if not np.isfinite(x) or (axes.is_whole and abs(from_middle) > 179) or not _inside(axes, x, y, half):
+        if not np.isfinite(x) or (axes.is_whole and abs(from_middle) > 179) or not _is_inside(axes, x, y, half_text):
             continue
-        if any(abs(x - at) < half + box_half and abs(y - up) < 1.2 * _SIZE * _POINT for at, up, box_half in boxes):
+        if any(abs(x - at) < half_text + box_half and abs(y - up) < 1.2 * _SIZE * _POINT for at, up, box_half in boxes):
             continue
-        boxes.append((x, y, half))
-        axes.text(x, y, text, ha="center", va="center", path_effects=HALO, **_LABEL)
+        boxes.append((x, y, half_text))
+        axes.text(x, y, text, ha="center", va="center", path_effects=HALO, **_LABEL_STYLE)
 
 
-def _inside(axes, x, y, half):
+def _is_inside(axes, x, y, half):
     """Return whether a label is within the map's ellipse."""
     height, width = axes.wcs.array_shape
     reach = max(abs(x - half - width / 2), abs(x + half - width / 2)) / (width / 2)
@@ -263,9 +263,9 @@ def _inside(axes, x, y, half):
 
 
 #: A cone as wide as this says nothing of where a vector points. [deg]
-_LOST = 80.0
+_WIDEST_CONE = 80.0
 #: Nor does a vector that noise alone gives as often as this; reports say that its direction is not determined.
-_CHANCE = 0.05
+_MAX_P_VALUE = 0.05
 
 
 def draw_sources(axes: SkyAxes, lon: FloatArray, lat: FloatArray, *, max_sources: int = 20_000, **style: Any) -> Any:
@@ -284,9 +284,9 @@ def draw_sources(axes: SkyAxes, lon: FloatArray, lat: FloatArray, *, max_sources
     """
     step = -(-len(lon) // max_sources) or 1
     n = max(1, len(lon) // step)
-    thin = {"s": float(np.clip(400 / n, 0.25, 2.0)), "alpha": float(np.clip(4000 / n, 0.3, 0.85))}
+    density_style = {"s": float(np.clip(400 / n, 0.25, 2.0)), "alpha": float(np.clip(4000 / n, 0.3, 0.85))}
     # In a PDF thousands of dots are a picture, and text and arrows stay lines.
-    style = {"color": "0.62", "linewidths": 0, "zorder": 2, "rasterized": n > 2000} | thin | style
+    style = {"color": "0.62", "linewidths": 0, "zorder": 2, "rasterized": n > 2000} | density_style | style
     return axes.scatter(*axes.project(lon[::step], lat[::step])[0].T, **style)
 
 
@@ -330,13 +330,13 @@ def draw_direction(
     """
     lon, lat = np.radians(vector.direction)
     cone = vector.direction_cone(probability)
-    if cone > _LOST or vector.p_value > _CHANCE:
+    if cone > _WIDEST_CONE or vector.p_value > _MAX_P_VALUE:
         return axes.scatter([], [], marker="*", s=0, color=color, label=f"{label}: direction not known")
     if cone > 0:
         p, q, r = triad(lon, lat)
-        t = np.linspace(0, 2 * np.pi, 361)
-        side = np.multiply.outer(p, np.cos(t)) + np.multiply.outer(q, np.sin(t))
-        circle = np.cos(np.radians(cone)) * r[:, None] + np.sin(np.radians(cone)) * side
+        angle = np.linspace(0, 2 * np.pi, 361)
+        tangent = np.multiply.outer(p, np.cos(angle)) + np.multiply.outer(q, np.sin(angle))
+        circle = np.cos(np.radians(cone)) * r[:, None] + np.sin(np.radians(cone)) * tangent
         draw_line(axes, *angles(circle), color=color, linewidth=1.1, path_effects=HALO)
         label = f"{label}, {100 * probability:.0f} % within {cone:.{0 if cone >= 3 else 1}f}°"
     return draw_points(
@@ -351,37 +351,37 @@ NAMED, NUMBERED = 20, 8
 def draw_matrix(axes: Axes, matrix: FloatArray, names: Sequence[str], groups: Sequence[str] | None = None) -> Any:
     """Correlations as colours about zero, with their values where there is room; the diagonal left out."""
     k = len(names)
-    off = np.where(np.eye(k) > 0, np.nan, matrix)
-    reach = max(float(np.nanmax(np.abs(off))) if k > 1 else 0.0, 1e-3)
+    off_diagonal = np.where(np.eye(k) > 0, np.nan, matrix)
+    reach = max(float(np.nanmax(np.abs(off_diagonal))) if k > 1 else 0.0, 1e-3)
     axes.set_facecolor("0.85")
-    image = axes.imshow(off, cmap=DIVERGING, vmin=-reach, vmax=reach)
+    image = axes.imshow(off_diagonal, cmap=DIVERGING, vmin=-reach, vmax=reach)
     axes.spines[["top", "right"]].set_visible(True)
     axes.tick_params(length=0)
     groups = groups or ()
     starts = [i for i, group in enumerate(groups) if i == 0 or group != groups[i - 1]]
     for i in starts[1:]:
         heavy = groups[i][:1] != groups[i - 1][:1]
-        for line in (axes.axhline, axes.axvline):
-            line(i - 0.5, color="0.4" if heavy else "0.6", linewidth=0.8 if heavy else 0.25 if k <= 60 else 0.1)
+        for draw in (axes.axhline, axes.axvline):
+            draw(i - 0.5, color="0.4" if heavy else "0.6", linewidth=0.8 if heavy else 0.25 if k <= 60 else 0.1)
     if k > NAMED and starts:
         middles = [(a + b - 1) / 2 for a, b in pairwise([*starts, k])]
         labels = [groups[i] for i in starts]
         # The first of each kind, degree 1, and of the others those that do not lie on the one before.
-        indices: list[int] = []
+        shown: list[int] = []
         for i, middle in enumerate(middles):
-            if not indices or labels[i][:1] != labels[indices[-1]][:1] or middle - middles[indices[-1]] > k / 24:
-                indices.append(i)
-        axes.set_xticks([middles[i] for i in indices], [labels[i] for i in indices])
-        axes.set_yticks([middles[i] for i in indices], [labels[i] for i in indices])
+            if not shown or labels[i][:1] != labels[shown[-1]][:1] or middle - middles[shown[-1]] > k / 24:
+                shown.append(i)
+        axes.set_xticks([middles[i] for i in shown], [labels[i] for i in shown])
+        axes.set_yticks([middles[i] for i in shown], [labels[i] for i in shown])
     else:
-        every = max(1, k // NAMED)
+        step = max(1, k // NAMED)
         size = 8 if k <= 9 else 6 if k <= 20 else 4.5
-        axes.set_xticks(range(0, k, every), list(names)[::every], rotation=0 if k <= 9 else 90, fontsize=size)
-        axes.set_yticks(range(0, k, every), list(names)[::every], fontsize=size)
+        axes.set_xticks(range(0, k, step), list(names)[::step], rotation=0 if k <= 9 else 90, fontsize=size)
+        axes.set_yticks(range(0, k, step), list(names)[::step], fontsize=size)
     if k <= NUMBERED:
-        for (row, column), value in np.ndenumerate(off):
+        for (row, column), value in np.ndenumerate(off_diagonal):
             if np.isfinite(value):
-                white = abs(value) > 0.6 * reach
+                is_dark = abs(value) > 0.6 * reach
                 axes.text(
                     column,
                     row,
@@ -389,7 +389,7 @@ def draw_matrix(axes: Axes, matrix: FloatArray, names: Sequence[str], groups: Se
                     ha="center",
                     va="center",
                     fontsize=6.5,
-                    color="w" if white else "k",
+                    color="w" if is_dark else "k",
                 )
     return image
 
@@ -412,9 +412,9 @@ def draw_map(axes: SkyAxes, values: ArrayLike, cmap: str = SEQUENTIAL, **style: 
     height, width = axes.wcs.array_shape
     y, x = np.mgrid[0:height, 0:width]
     lon, lat = axes.sky_of(x.ravel(), y.ravel())
-    is_finite = np.isfinite(lon)
+    is_on_map = np.isfinite(lon)
     picture = np.full(lon.size, np.nan)
-    picture[is_finite] = values[pixels_of(lon[is_finite], lat[is_finite], int(np.sqrt(values.size / 12)))]
+    picture[is_on_map] = values[pixels_of(lon[is_on_map], lat[is_on_map], int(np.sqrt(values.size / 12)))]
     style = {"zorder": 0.5, "interpolation": "nearest", "rasterized": True, "origin": "lower"} | style
     return axes.imshow(picture.reshape(height, width), cmap=cmap, **style)
 
@@ -470,15 +470,15 @@ def draw_empty(axes: SkyAxes, lon: FloatArray, lat: FloatArray, radius: float | 
     radius = radius or max(2.0, 2.5 * np.degrees(np.sqrt(4 / len(lon))))
     height, width = axes.wcs.array_shape
     y, x = np.mgrid[0:height:4, 0:width:4]
-    at = np.stack(axes.sky_of(x.ravel(), y.ravel()))
-    is_finite = np.isfinite(at).all(0)
-    distance = np.zeros(at.shape[1])
-    distance[is_finite] = cKDTree(triad(lon, lat)[2].T).query(triad(*at[:, is_finite])[2].T)[0]
-    edge = 2 * np.sin(np.radians(radius) / 2)
-    if not (distance > edge).any():
+    positions = np.stack(axes.sky_of(x.ravel(), y.ravel()))
+    is_on_map = np.isfinite(positions).all(0)
+    distance = np.zeros(positions.shape[1])
+    distance[is_on_map] = cKDTree(triad(lon, lat)[2].T).query(triad(*positions[:, is_on_map])[2].T)[0]
+    chord = 2 * np.sin(np.radians(radius) / 2)
+    if not (distance > chord).any():
         return None
     contours = axes.contourf(
-        x, y, distance.reshape(x.shape), levels=[edge, 3.0], colors="none", hatches=["//////"], zorder=0.4
+        x, y, distance.reshape(x.shape), levels=[chord, 3.0], colors="none", hatches=["//////"], zorder=0.4
     )
     contours.set_edgecolor("0.55")
     contours.set_linewidth(0.0)

@@ -107,12 +107,12 @@ def figure_of(drawn: Any) -> Figure:
     return artist if hasattr(artist, "savefig") else artist.figure
 
 
-def colour_bar(axes: Axes, image: Any, label: str, **how: Any) -> Any:
+def colour_bar(axes: Axes, image: Any, label: str, **colorbar_options: Any) -> Any:
     """A colour bar under axes, with its label."""
-    options: dict[str, Any] = {"orientation": "horizontal", "shrink": 0.7, "pad": 0.04, "aspect": 30} | how
+    options: dict[str, Any] = {"orientation": "horizontal", "shrink": 0.7, "pad": 0.04, "aspect": 30} | colorbar_options
     bar = axes.figure.colorbar(image, ax=axes, **options)
     bar.set_label(label)
-    if "ticks" not in how:
+    if "ticks" not in colorbar_options:
         bar.locator = MaxNLocator(5, steps=[1, 2, 5, 10])  # so that no two numbers touch
         bar.update_ticks()
     bar.outline.set_linewidth(0.4)
@@ -124,22 +124,22 @@ def set_log_ticks(axis: Any, low: float, high: float) -> None:
     if not (1e-4 < low < high < min(160 * low, 1e5)):
         return
     powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
-    for subs in ((1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), tuple(np.arange(1, 10, 0.2).round(1))):
-        ticks = np.multiply.outer(powers, np.array(subs))
+    for multiples in ((1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), tuple(np.arange(1, 10, 0.2).round(1))):
+        ticks = np.multiply.outer(powers, np.array(multiples))
         if np.sum((ticks >= low) & (ticks <= high)) >= 3:
             break
-    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_locator(LogLocator(subs=multiples))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
 def legend_above(axes: Axes, columns: int = 4, **options: Any) -> Any:
     """A legend over axes, where it hides no point, of as many columns as there is room for."""
-    where = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.1}
-    legend = axes.legend(**where | {"ncols": columns} | options)
-    place = axes.get_subplotspec()
-    share = 1.0 if place is None else len(place.colspan) / place.get_gridspec().ncols
-    if columns > 1 and legend.get_window_extent().width > 0.84 * share * axes.figure.bbox.width:
+    placement = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.1}
+    legend = axes.legend(**placement | {"ncols": columns} | options)
+    subplot_spec = axes.get_subplotspec()
+    width_share = 1.0 if subplot_spec is None else len(subplot_spec.colspan) / subplot_spec.get_gridspec().ncols
+    if columns > 1 and legend.get_window_extent().width > 0.84 * width_share * axes.figure.bbox.width:
         return legend_above(axes, columns - 1, **options)
     return legend
 
@@ -160,17 +160,17 @@ def picture_of(drawn: Any, dpi: float = 200) -> bytes:
         figure_of(drawn).savefig(buffer, format="png", dpi=dpi, metadata=_METADATA["png"])
     # A page holds many: 256 colours are what they need, and a third of the bytes.
     for colours in (256, 32):
-        small = io.BytesIO()
-        Image.open(buffer).convert("RGB").quantize(colours).save(small, format="png", optimize=True)
-        if small.tell() < 150_000:  # else it is like noise, and a scale of 32 steps says as much
+        reduced = io.BytesIO()
+        Image.open(buffer).convert("RGB").quantize(colours).save(reduced, format="png", optimize=True)
+        if reduced.tell() < 150_000:  # else it is like noise, and a scale of 32 steps says as much
             break
-    return small.getvalue()
+    return reduced.getvalue()
 
 
 def close_figures(figures: Iterable[Any]) -> None:
     """Close figures that are not wanted any more."""
-    for plot in figures:
-        plt.close(figure_of(plot))
+    for drawn in figures:
+        plt.close(figure_of(drawn))
 
 
 def save_figures(
@@ -202,8 +202,8 @@ def save_figures(
     formats = [choice("format", extension, FORMATS) for extension in ([format] if isinstance(format, str) else format)]
     positive("dpi", dpi)
     paths = []
-    for name, plot in figures.items():
-        figure = figure_of(plot)
+    for name, drawn in figures.items():
+        figure = figure_of(drawn)
         for extension in formats:
             paths.append(Path(folder) / f"{name}.{extension}")
             with atomic_write(paths[-1], overwrite) as temporary_path, plt.rc_context(STYLE):

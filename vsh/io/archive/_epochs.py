@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from vsh.io import tables
-from vsh.io.archive._tap import _message, _open, _read_at_most, _read_note, _RefusedError, _write_note
+from vsh.io.archive._tap import _extract_message, _open_url, _read_at_most, _read_note, _RefusedError, _write_note
 from vsh.tools.arguments import positive, whole
 from vsh.tools.errors import ArchiveError, VshError
 from vsh.tools.files import atomic_write, digest, hold_lock, remove_unfinished
@@ -23,12 +23,12 @@ from vsh.tools.types import PathName
 #: ESA's server of products that hang on a source.
 DATA_SERVER = "https://gea.esac.esa.int/data-server/data"
 #: The most sources that the server gives at once, and how large an answer of so many may be. [bytes]
-BATCH, _MOST = 5000, 2**32
+BATCH, _LARGEST = 5000, 2**32
 #: How several sources come, the first that the server knows: one file with an array for each transit, by DR4's word and
 #: by that of earlier releases; or one file for each source. [astroquery 3629, 3012]
 STRUCTURES = ("DATAMODEL_GAIA", "RAW", "DATAMODEL_STANDARD", "INDIVIDUAL")
 #: What a file of epochs has at least, by its lower-case names.
-_NEEDED = ("source_id", "centroid_pos_al")
+_NEEDED_COLUMNS = ("source_id", "centroid_pos_al")
 
 
 def fetch_epochs(
@@ -79,16 +79,16 @@ def fetch_epochs(
         the folder holds the answer to another list, or a file that was changed since. Batches already received are
         kept; the same call resumes after them.
     """
-    numbers = sorted({int(source_id) for source_id in ids})
-    if not numbers or numbers[0] < 0:
+    source_ids = sorted({int(source_id) for source_id in ids})
+    if not source_ids or source_ids[0] < 0:
         raise ArchiveError("there are no sources to ask for: source_id are whole numbers above zero")
     size = min(whole("batch", batch), BATCH)
     folder = Path(folder)
     note = folder.with_name(f"{folder.name}.json")
-    checksum = hashlib.sha256("\n".join(map(str, numbers)).encode()).hexdigest()
+    checksum = hashlib.sha256("\n".join(map(str, source_ids)).encode()).hexdigest()
     request = {
         "retrieval_type": retrieval_type, "structure": structure, "release": release, "url": str(url), "batch": size,
-        "sources": len(numbers), "sha256_of_ids": checksum,
+        "sources": len(source_ids), "sha256_of_ids": checksum,
     }  # fmt: skip
     with hold_lock(note):
         record = _read_note(note)
@@ -106,18 +106,18 @@ def fetch_epochs(
         remove_unfinished(folder)
         _check_unchanged(folder, files)
         structures = [structure] if structure else list(STRUCTURES)
-        fetch = partial(_fetch, request, structures, positive("patience", patience))
-        batches = [numbers[k : k + size] for k in range(0, len(numbers), size)]
+        fetch = partial(_fetch_answer, request, structures, positive("patience", patience))
+        batches = [source_ids[k : k + size] for k in range(0, len(source_ids), size)]
         with progress_bar(total=len(batches), words="fetching epochs", shown=progress) as bar:
             for k, batch_ids in enumerate(batches):
                 prefix = f"epochs-{k:05d}"
                 names = [name for name in files if name.startswith(f"{prefix}-")]
                 if (not names and prefix not in missing) or any(not (folder / name).is_file() for name in names):
                     files = {name: sha for name, sha in files.items() if name not in names}
-                    added, lost = _fetch_batch(fetch, request["url"], batch_ids, folder / prefix)
+                    added, missing_ids = _fetch_batch(fetch, request["url"], batch_ids, folder / prefix)
                     files |= added
                     missing.pop(prefix, None)
-                    missing |= {prefix: lost} if lost else {}
+                    missing |= {prefix: missing_ids} if missing_ids else {}
                     _write_note(note, request | {"files": files, "missing": missing})
                 bar.update(1)
     return folder
@@ -127,53 +127,53 @@ def sources_without_epochs(folder: PathName) -> list[int]:
     """The source_id that were asked for and of which the archive sent no epochs, by the note beside a folder."""
     folder = Path(folder)
     record = _read_note(folder.with_name(f"{folder.name}.json"))
-    return sorted(source_id for lost in record.get("missing", {}).values() for source_id in lost)
+    return sorted(source_id for missing_ids in record.get("missing", {}).values() for source_id in missing_ids)
 
 
 def _check_unchanged(folder, files):
     """Raise ArchiveError where a file that was fetched is no longer as it was: it is somebody's work."""
-    changed = [name for name, sha in files.items() if (folder / name).is_file() and digest(folder / name) != sha]
-    if changed:
+    changed_names = [name for name, sha in files.items() if (folder / name).is_file() and digest(folder / name) != sha]
+    if changed_names:
         raise ArchiveError(
-            f"{printable(folder / changed[0])} is not as it was fetched"
-            + (f", nor are {len(changed) - 1} others" if len(changed) > 1 else "")
+            f"{printable(folder / changed_names[0])} is not as it was fetched"
+            + (f", nor are {len(changed_names) - 1} others" if len(changed_names) > 1 else "")
             + ": somebody changed it. Move it elsewhere, and the same call fetches it again"
         )
 
 
-def _fetch(request, structures, patience, ids):
+def _fetch_answer(request, structures, patience, ids):
     """The body of the answer for some sources; of the `structures` those that the server knows are left."""
     form = {
         "ID": ",".join(map(str, ids)), "RETRIEVAL_TYPE": request["retrieval_type"], "FORMAT": "votable",
         "DATA_STRUCTURE": structures[0], "RELEASE": request["release"], "VALID_DATA": "false", "USE_ZIP_ALWAYS": "true",
     }  # fmt: skip
-    end = time.monotonic() + patience
+    deadline = time.monotonic() + patience
     try:
-        with _open(request["url"], form, end) as answer:
-            return _read_at_most(answer, _MOST, end)
+        with _open_url(request["url"], form, deadline) as answer:
+            return _read_at_most(answer, _LARGEST, deadline)
     except _RefusedError as error:
         # ESA's server: "Invalid Data Structure parameter: 'X', valid ones are: RAW, INDIVIDUAL".
         if len(structures) == 1 or "data structure" not in str(error).lower():
             raise
-        valid = re.findall(r"\w+", str(error).partition("valid ones are")[2])
-        structures[:] = [name for name in STRUCTURES[1:] if not valid or name in valid]
+        valid_names = re.findall(r"\w+", str(error).partition("valid ones are")[2])
+        structures[:] = [name for name in STRUCTURES[1:] if not valid_names or name in valid_names]
         if not structures:
             raise
-        return _fetch(request, structures, patience, ids)
+        return _fetch_answer(request, structures, patience, ids)
 
 
 def _fetch_batch(fetch, url, ids, prefix):
     """Fetch a batch: its files with their hashes, and the sources that are in none of them."""
-    contents = _members(fetch(ids), url)
-    for old in prefix.parent.glob(f"{prefix.name}-*"):  # of an answer in other files, or of one that was no good
-        old.unlink()
+    members = _unpack_answer(fetch(ids), url)
+    for old_path in prefix.parent.glob(f"{prefix.name}-*"):  # of an answer in other files, or of one that was no good
+        old_path.unlink()
     files, received = {}, set()
-    for number, (name, content) in enumerate(contents):
+    for number, (name, content) in enumerate(members):
         suffix = ".fits" if content[:9] == b"SIMPLE  =" else ".csv" if name.lower().endswith(".csv") else ".vot"
         path = prefix.with_name(f"{prefix.name}-{number:05d}{suffix}")
         with atomic_write(path, overwrite=True) as temporary_path:
             temporary_path.write_bytes(content)
-            received |= _sources_in(temporary_path, name, content, url)
+            received |= _read_source_ids(temporary_path, name, content, url)
             files[path.name] = digest(temporary_path)
     foreign = received - set(ids)
     if foreign:
@@ -183,27 +183,27 @@ def _fetch_batch(fetch, url, ids, prefix):
     return files, sorted(set(ids) - received)
 
 
-def _sources_in(path, name, content, url):
+def _read_source_ids(path, name, content, url):
     """The source_id in a file of an answer, once it is known to hold epochs."""
     try:
         table = tables.open_table(path)
         names = {column.lower(): column for column in table.names}
-        absent = [column for column in _NEEDED if column not in names]
+        absent = [column for column in _NEEDED_COLUMNS if column not in names]
         if not absent:
-            values, mask = table.columns((names["source_id"],))[names["source_id"]]
-            return set(map(int, np.asarray(values) if mask is None else np.asarray(values)[~np.asarray(mask)]))
+            source_ids, mask = table.columns((names["source_id"],))[names["source_id"]]
+            return set(map(int, np.asarray(source_ids) if mask is None else np.asarray(source_ids)[~np.asarray(mask)]))
         reason = f"it has no column {absent[0]}"
     except (VshError, OSError, ValueError, TypeError) as error:
         reason = str(error).replace(str(path), name)
-    message = _message(content[:_MOST_WORDS]) if b"ERROR" in content[:_MOST_WORDS] else reason
+    message = _extract_message(content[:_MAX_MESSAGE_BYTES]) if b"ERROR" in content[:_MAX_MESSAGE_BYTES] else reason
     raise ArchiveError(f"{url} sent no epochs in {printable(name)}: {printable(message)[:200]}")
 
 
 #: So much of a document is looked through for the reason of an error. [bytes]
-_MOST_WORDS = 2**20
+_MAX_MESSAGE_BYTES = 2**20
 
 
-def _members(body, url):
+def _unpack_answer(body, url):
     """The files of an answer: those of a zip archive, or itself."""
     if body[:2] != b"PK":
         if b"<VOTABLE" not in body[:2000] and body[:9] != b"SIMPLE  =":
@@ -212,10 +212,10 @@ def _members(body, url):
         return [("answer", body)]
     try:
         with zipfile.ZipFile(io.BytesIO(body)) as archive:
-            inside = [member for member in archive.infolist() if not member.is_dir()]
-            if sum(member.file_size for member in inside) > _MOST:
-                raise ArchiveError(f"{url} sent more than {_MOST} bytes in one batch: ask for fewer sources (batch)")
-            members = [(member.filename, archive.read(member)) for member in inside]
+            member_infos = [member for member in archive.infolist() if not member.is_dir()]
+            if sum(member.file_size for member in member_infos) > _LARGEST:
+                raise ArchiveError(f"{url} sent more than {_LARGEST} bytes in one batch: ask for fewer sources (batch)")
+            members = [(member.filename, archive.read(member)) for member in member_infos]
     except (zipfile.BadZipFile, OSError, NotImplementedError, RuntimeError) as error:
         raise ArchiveError(f"{url} sent no whole archive ({error}): the same call fetches it again") from error
     if not members:

@@ -50,10 +50,10 @@ class DataRelease(InNotebook):
     parallax_bias: str | None = None
 
 
-_SINGLE = {31: "position, parallax, proper motion", 95: "the same and a colour"}
-EDR3 = DataRelease("EDR3", 2016.0, "gaiaedr3", "astrometric_params_solved", _SINGLE)
-DR3 = DataRelease("DR3", 2016.0, "gaiadr3", "astrometric_params_solved", _SINGLE)
-DR4 = DataRelease("DR4", 2017.5, "gaiadr4", "astrometric_params", _SINGLE, "tentative_parallax_bias")
+_ACCEPTED_MODELS = {31: "position, parallax, proper motion", 95: "the same and a colour"}
+EDR3 = DataRelease("EDR3", 2016.0, "gaiaedr3", "astrometric_params_solved", _ACCEPTED_MODELS)
+DR3 = DataRelease("DR3", 2016.0, "gaiadr3", "astrometric_params_solved", _ACCEPTED_MODELS)
+DR4 = DataRelease("DR4", 2017.5, "gaiadr4", "astrometric_params", _ACCEPTED_MODELS, "tentative_parallax_bias")
 #: By name.
 RELEASES = {release.name: release for release in (EDR3, DR3, DR4)}
 #: What a fit needs, what selections look at, and what tells of the quality.
@@ -64,47 +64,47 @@ _COLUMNS = (
     "matched_transits", "scan_direction_strength_k2", "scan_direction_mean_k2", "phot_g_mean_mag", "bp_rp",
 )  # fmt: skip
 #: What a release has besides.
-_FURTHER = {"DR4": ("tentative_parallax_bias", "quality_flag")}
-_NAME = re.compile(r"[A-Za-z_][\w]*(\.[A-Za-z_][\w]*){0,2}")
+_FURTHER_COLUMNS = {"DR4": ("tentative_parallax_bias", "quality_flag")}
+_ADQL_NAME = re.compile(r"[A-Za-z_][\w]*(\.[A-Za-z_][\w]*){0,2}")
 
 
-def _column_list(release):
-    return ", ".join(f"g.{name}" for name in _columns_of(release))
+def _format_column_list(release):
+    return ", ".join(f"g.{name}" for name in _list_columns(release))
 
 
-def _columns_of(release):
+def _list_columns(release):
     """The columns of a release, by its own name of the astrometric model."""
     columns = (release.solution if name == DR3.solution else name for name in _COLUMNS)
-    return (*columns, *_FURTHER.get(release.name, ()))
+    return (*columns, *_FURTHER_COLUMNS.get(release.name, ()))
 
 
-def _solution_condition(release):
+def _format_solution_condition(release):
     return f"g.{release.solution} IN ({', '.join(map(str, release.accepted))})"
 
 
 #: The 1.6 million quasars of Gaia-CRF3 (Gaia Collaboration, Klioner et al. 2022, A&A 667, A148), five- and
 #: six-parameter solutions, with the redshifts of DR3's own quasar module where there are any.
 GAIA_CRF3 = f"""\
-SELECT {_column_list(DR3)}, q.redshift_qsoc, f.used_for_reference_frame_spin
+SELECT {_format_column_list(DR3)}, q.redshift_qsoc, f.used_for_reference_frame_spin
 FROM gaiadr3.gaia_source AS g
 JOIN (SELECT DISTINCT source_id FROM gaiadr3.agn_cross_id) AS c ON g.source_id = c.source_id
 LEFT JOIN gaiadr3.qso_candidates AS q ON g.source_id = q.source_id
 LEFT JOIN gaiadr3.frame_rotator_source AS f ON g.source_id = f.source_id
-WHERE {_solution_condition(DR3)}"""
+WHERE {_format_solution_condition(DR3)}"""
 #: The same sources as EDR3 had them: those of the acceleration paper (Gaia Collaboration, Klioner et al. 2021, A&A 649,
 #: A9).
 GAIA_EDR3_QSO = f"""\
-SELECT {_column_list(EDR3)}, f.used_for_reference_frame_spin
+SELECT {_format_column_list(EDR3)}, f.used_for_reference_frame_spin
 FROM gaiaedr3.gaia_source AS g
 JOIN (SELECT DISTINCT source_id FROM gaiaedr3.agn_cross_id) AS c ON g.source_id = c.source_id
 LEFT JOIN gaiaedr3.frame_rotator_source AS f ON g.source_id = f.source_id
-WHERE {_solution_condition(EDR3)}"""
+WHERE {_format_solution_condition(EDR3)}"""
 #: DR3's candidates for galaxies that have a redshift from its own spectra.
 GAIA_DR3_GALAXIES = f"""\
-SELECT {_column_list(DR3)}, x.redshift_ugc AS redshift
+SELECT {_format_column_list(DR3)}, x.redshift_ugc AS redshift
 FROM gaiadr3.gaia_source AS g
 JOIN gaiadr3.galaxy_candidates AS x ON g.source_id = x.source_id
-WHERE {_solution_condition(DR3)} AND x.redshift_ugc IS NOT NULL"""
+WHERE {_format_solution_condition(DR3)} AND x.redshift_ugc IS NOT NULL"""
 #: By the names that `vsh-archive` takes.
 QUERIES = {"gaia-crf3": GAIA_CRF3, "gaia-edr3-qso": GAIA_EDR3_QSO, "gaia-dr3-galaxies": GAIA_DR3_GALAXIES}
 
@@ -179,32 +179,32 @@ def of_table(
     """
     release = release_of(table, release)
     columns = (columns,) if isinstance(columns, str) else tuple(columns)
-    ours = set(_columns_of(release))
-    twice = sorted({name for name in columns if name in ours or columns.count(name) > 1})
-    if twice:
-        raise ArchiveError(f"columns that gaia_source gives already, or that are named twice: {', '.join(twice)}")
+    astrometry_columns = set(_list_columns(release))
+    repeated = sorted({name for name in columns if name in astrometry_columns or columns.count(name) > 1})
+    if repeated:
+        raise ArchiveError(f"columns that gaia_source gives already, or that are named twice: {', '.join(repeated)}")
     for name in (table, *columns):
-        if not isinstance(name, str) or not _NAME.fullmatch(name):
+        if not isinstance(name, str) or not _ADQL_NAME.fullmatch(name):
             raise ArchiveError(
                 f"{name!r} is no name of a table or column: letters, digits and _, tables with their schema"
             )
-    further = [f"t.{name}" for name in columns]
-    adql = _join_astrometry(release, astrometry, further, f"FROM {table} AS t", "g.source_id = t.source_id")
+    table_columns = [f"t.{name}" for name in columns]
+    adql = _join_astrometry(release, astrometry, table_columns, f"FROM {table} AS t", "g.source_id = t.source_id")
     return adql if where is None else f"{adql}\nWHERE {where.strip()}"
 
 
-def _join_astrometry(release, astrometry, further, source, match):
-    """The query that joins the astrometry of a release to a source of rows: `match` is the condition of the join."""
+def _join_astrometry(release, astrometry, further_columns, from_clause, join_condition):
+    """The query that joins the astrometry of a release to a source of rows: `join_condition` says which."""
     if astrometry not in ASTROMETRY or (astrometry != "gaia_source" and release is not DR4):
         raise ArchiveError(
             f"{release.name} has no table of astrometry called {astrometry!r}: {', '.join(ASTROMETRY)} (the latter DR4)"
         )
     is_core = astrometry != "gaia_source"
-    select_list = [f"{'s' if is_core and name in _PHOTOMETRY else 'g'}.{name}" for name in _columns_of(release)]
+    select_list = [f"{'s' if is_core and name in _PHOTOMETRY else 'g'}.{name}" for name in _list_columns(release)]
     lines = [
-        f"SELECT {', '.join([*select_list, *further])}",
-        source,
-        f"JOIN {release.schema}.{astrometry} AS g ON {match}",
+        f"SELECT {', '.join([*select_list, *further_columns])}",
+        from_clause,
+        f"JOIN {release.schema}.{astrometry} AS g ON {join_condition}",
     ]
     if is_core:
         lines.append(f"LEFT JOIN {release.schema}.{_PHOTOMETRY_OF_ALL} AS s ON s.source_id = g.source_id")
@@ -237,7 +237,7 @@ def make_upload(source: Any) -> tuple[bytes, bool]:
     ArchiveError
         If there is neither source_id nor ra and dec.
     """
-    is_text = isinstance(source, (str, Path)) and Path(source).suffix.lower() in _TEXTS
+    is_text = isinstance(source, (str, Path)) and Path(source).suffix.lower() in _TEXT_ENDINGS
     table = None if is_text else tables.open_table(source)
     if table is None or "source_id" in table.names:
         return _as_votable({"source_id": np.array(read_ids(source), np.int64)}), True
@@ -245,10 +245,10 @@ def make_upload(source: Any) -> tuple[bytes, bool]:
         raise ArchiveError(
             f"{table.label} has neither source_id nor ra and dec: the table has {', '.join(table.names[:50])}"
         )
-    block = table.columns([name for name in ("name", "ra", "dec") if name in table.names])
-    if any(mask is not None and mask.any() for _, mask in block.values()):
+    columns = table.columns([name for name in ("name", "ra", "dec") if name in table.names])
+    if any(mask is not None and mask.any() for _, mask in columns.values()):
         raise ArchiveError(f"{table.label}: positions or names are missing")
-    return _as_votable({name: np.asarray(values) for name, (values, _) in block.items()}), False
+    return _as_votable({name: np.asarray(values) for name, (values, _) in columns.items()}), False
 
 
 def _as_votable(columns):
@@ -262,9 +262,9 @@ def _as_votable(columns):
 def query_near_positions(*, release: DataRelease = DR3, astrometry: str = "gaia_source") -> str:
     """The query for the sources within an arcsecond of the positions that are sent with it."""
     circle = f"CIRCLE('ICRS', t.ra, t.dec, {MATCH_RADIUS}/3600)"
-    match = f"1 = CONTAINS(POINT('ICRS', g.ra, g.dec), {circle})"
-    further = ["t.ra AS list_ra", "t.dec AS list_dec"]
-    return _join_astrometry(release, astrometry, further, f"FROM {UPLOADED} AS t", match)
+    join_condition = f"1 = CONTAINS(POINT('ICRS', g.ra, g.dec), {circle})"
+    further_columns = ["t.ra AS list_ra", "t.dec AS list_dec"]
+    return _join_astrometry(release, astrometry, further_columns, f"FROM {UPLOADED} AS t", join_condition)
 
 
 #: DR4's names of the sources of DR3 that are sent with the query (`gaiadr4.dr3_neighbourhood`): a source may have
@@ -276,7 +276,7 @@ JOIN gaiadr4.dr3_neighbourhood AS n ON n.dr3_source_id = t.source_id"""
 
 
 #: Endings of texts with a source_id a line.
-_TEXTS = ("", ".txt", ".lis", ".list", ".ids")
+_TEXT_ENDINGS = ("", ".txt", ".lis", ".list", ".ids")
 
 
 def read_ids(source: Any) -> list[int]:
@@ -292,21 +292,21 @@ def read_ids(source: Any) -> list[int]:
     ArchiveError
         If the list is empty, or some entries are not integers.
     """
-    if isinstance(source, (str, Path)) and Path(source).suffix.lower() in _TEXTS:
+    if isinstance(source, (str, Path)) and Path(source).suffix.lower() in _TEXT_ENDINGS:
         try:
-            text = Path(source).read_text(encoding="utf-8-sig").splitlines()
+            lines = Path(source).read_text(encoding="utf-8-sig").splitlines()
         except (OSError, UnicodeDecodeError) as error:
             raise ArchiveError(f"{printable(source)} cannot be read: {first_line(error)}") from None
-        entries = [entry for line in text if (entry := line.partition("#")[0].strip())]
+        entries = [entry for line in lines if (entry := line.partition("#")[0].strip())]
     else:
         table = tables.open_table(source)
         if "source_id" not in table.names:
             raise ArchiveError(f"{table.label} has no column source_id: the table has {', '.join(table.names[:50])}")
         values, mask = table.columns(("source_id",))["source_id"]
         entries = list(map(str, np.asarray(values) if mask is None else np.asarray(values)[~mask]))
-    wrong = [entry for entry in entries if not (re.fullmatch(r"\d{1,19}", entry) and int(entry) < 2**63)]
+    invalid_entries = [entry for entry in entries if not (re.fullmatch(r"\d{1,19}", entry) and int(entry) < 2**63)]
     if not entries:
         raise ArchiveError("the list of source_id is empty")
-    if wrong:
-        raise ArchiveError(f"{len(wrong)} of {len(entries)} source_id are no whole numbers")
+    if invalid_entries:
+        raise ArchiveError(f"{len(invalid_entries)} of {len(entries)} source_id are no whole numbers")
     return [int(entry) for entry in entries]

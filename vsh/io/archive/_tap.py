@@ -33,15 +33,15 @@ ESA = "https://gea.esac.esa.int/tap-server/tap"
 #: The table that is sent with a query, by its name in the form.
 SENT = "list"
 #: Answers that are larger are no lists of names. [bytes]
-_NAMES_BYTES = 2**26
+_MAX_LIST_BYTES = 2**26
 #: Synchronous answers of a multiple of so many rows may have been cut off.
-_ROUND = 1000
+_CUT_OFF_MULTIPLE = 1000
 #: What ESA's archive gives somebody who is not logged in, at most; an answer of exactly so many rows was cut off.
-_LIMITS = (2_000_000, 3_000_000)
-_WAITING = ("PENDING", "QUEUED", "EXECUTING", "HELD", "SUSPENDED", "UNKNOWN")
+_ROW_LIMITS = (2_000_000, 3_000_000)
+_WAITING_PHASES = ("PENDING", "QUEUED", "EXECUTING", "HELD", "SUSPENDED", "UNKNOWN")
 #: Phases of a job that waits to be told to run, and in which it has ended (UWS 1.1, section 2.1.3).
-_STOPPED, _ENDED = ("PENDING", "HELD"), ("COMPLETED", "ERROR", "ABORTED", "ARCHIVED")
-_BLOCK = 2**20
+_STOPPED_PHASES, _ENDED_PHASES = ("PENDING", "HELD"), ("COMPLETED", "ERROR", "ABORTED", "ARCHIVED")
+_BLOCK_BYTES = 2**20
 _TIMEOUT = 60.0
 
 
@@ -81,7 +81,7 @@ def query(
     progress : bool
         Show bars, after two seconds.
     upload : bytes, optional
-        A VOTable that is sent with the query, which calls it tap_upload.list: `upload_of(…)`.
+        A VOTable that is sent with the query, which calls it tap_upload.list: `make_upload(…)`.
 
     Returns
     -------
@@ -123,18 +123,18 @@ def query(
                 _check_same_request(path, record, request)
                 _check_whole_table(path)
                 return path
-        before = {"sha256": record["sha256"]} if path.exists() and "sha256" in record else {}
+        old_hash = {"sha256": record["sha256"]} if path.exists() and "sha256" in record else {}
         record = {} if overwrite else record
         job = record.get("job") if all(record.get(key) == value for key, value in request.items()) else None
         job = job if _belongs_to(job, url) else None
         row_limit = None if max_rows is None else whole("max_rows", max_rows)
-        job = _usable_job(job) or _submit(adql, url, row_limit, upload)
-        _write_note(note, request | {"job": job} | before)
-        _wait(job, positive("patience", patience), positive("interval", interval), progress)
+        job = _find_usable_job(job) or _submit_job(adql, url, row_limit, upload)
+        _write_note(note, request | {"job": job} | old_hash)
+        _wait_for_job(job, positive("patience", patience), positive("interval", interval), progress)
         with atomic_write(path, overwrite) as temporary_path:
-            end = time.monotonic() + patience
-            _fetch(f"{job}/results/result", temporary_path, end, positive("max_bytes", max_bytes), progress)
-            rows, sha = _check_complete(temporary_path, max_rows), digest(temporary_path)
+            deadline = time.monotonic() + patience
+            _download(f"{job}/results/result", temporary_path, deadline, positive("max_bytes", max_bytes), progress)
+            rows, sha = _count_complete_rows(temporary_path, max_rows), digest(temporary_path)
             timestamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
             _write_note(note, request | {"rows": rows, "fetched": timestamp, "sha256": sha})
         return path
@@ -158,18 +158,18 @@ def _check_as_fetched(path, record):
 
 def _check_same_request(path, record, request):
     """Raise ArchiveError where a file is the answer to something else."""
-    for key, was in (
+    for key, difference in (
         ("query", "is the answer to another query"),
         ("url", f"is the answer of {printable(record.get('url'))}"),
         ("upload", "is the answer for another list of sources"),
         ("max_rows", "was asked for with another limit of rows"),
     ):
         if record.get(key) != request.get(key):
-            raise ArchiveError(f"{printable(path)} {was}: choose another name, or overwrite it")
+            raise ArchiveError(f"{printable(path)} {difference}: choose another name, or overwrite it")
 
 
 def _check_whole_table(path):
-    """The rows of a file that is there, once it is known to be whole."""
+    """Count the rows of a file that is there; raise ArchiveError where it is not whole."""
     try:
         return tables.fits_rows(path, path.name)
     except TableError as error:
@@ -191,17 +191,17 @@ def query_rows(adql: str, names: tuple[str, ...], url: str) -> list[list[str]]:
         Address of the service.
     """
     form = {"REQUEST": "doQuery", "LANG": "ADQL", "FORMAT": "csv", "QUERY": adql}
-    with _open(f"{url}/sync", form) as answer:
-        rows = _rows_of_csv(_read_at_most(answer, _NAMES_BYTES, time.monotonic() + 120), names, url)
-    if rows and len(rows) % _ROUND == 0:
-        job = _submit(adql, url, None, table_format="csv")
-        _wait(job, 600.0, 1.0, False)
-        with _open(f"{job}/results/result") as answer:
-            rows = _rows_of_csv(_read_at_most(answer, _NAMES_BYTES, time.monotonic() + 120), names, url)
+    with _open_url(f"{url}/sync", form) as answer:
+        rows = _parse_csv_rows(_read_at_most(answer, _MAX_LIST_BYTES, time.monotonic() + 120), names, url)
+    if rows and len(rows) % _CUT_OFF_MULTIPLE == 0:
+        job = _submit_job(adql, url, None, table_format="csv")
+        _wait_for_job(job, 600.0, 1.0, False)
+        with _open_url(f"{job}/results/result") as answer:
+            rows = _parse_csv_rows(_read_at_most(answer, _MAX_LIST_BYTES, time.monotonic() + 120), names, url)
     return rows
 
 
-def _rows_of_csv(body, names, url):
+def _parse_csv_rows(body, names, url):
     """The first columns of an answer in CSV."""
     rows = list(csv.reader(io.StringIO(body.decode("utf-8", "replace"))))
     if not rows or [cell.strip().lower() for cell in rows[0]][: len(names)] != list(names):
@@ -211,14 +211,14 @@ def _rows_of_csv(body, names, url):
     ]
 
 
-def _submit(adql, url, max_rows, upload=None, table_format="fits"):
+def _submit_job(adql, url, max_rows, upload=None, table_format="fits"):
     """The address of a new job."""
     form = {"REQUEST": "doQuery", "LANG": "ADQL", "FORMAT": table_format, "QUERY": adql, "PHASE": "RUN"}
     if max_rows is not None:
         form["MAXREC"] = str(max_rows)
     if upload is not None:
         form["UPLOAD"] = f"{SENT},param:{SENT}"
-    with _open(f"{url}/async", form, upload=upload) as answer:
+    with _open_url(f"{url}/async", form, upload=upload) as answer:
         job = answer.geturl()
     if job.rstrip("/").endswith("/async"):
         raise ArchiveError(f"{url} took no job: is it the address of a TAP service?")
@@ -233,32 +233,32 @@ def _belongs_to(job, url):
     return (address.scheme, address.netloc) == (service.scheme, service.netloc)
 
 
-def _usable_job(job):
+def _find_usable_job(job):
     """A job of before, if the server still knows it and it did not fail."""
     if job is None:
         return None
     try:
-        return job if _phase(job) in (*_WAITING, "COMPLETED") else None
+        return job if _read_phase(job) in (*_WAITING_PHASES, "COMPLETED") else None
     except _RefusedError:
         return None
 
 
-def _phase(job, end=None):
-    with _open(f"{job}/phase", end=end) as answer:
-        phase = _read_at_most(answer, 1000, _short_deadline(end)).decode("utf-8", "replace").strip()
-    if phase not in (*_WAITING, *_ENDED):
+def _read_phase(job, deadline=None):
+    with _open_url(f"{job}/phase", deadline=deadline) as answer:
+        phase = _read_at_most(answer, 1000, _short_deadline(deadline)).decode("utf-8", "replace").strip()
+    if phase not in (*_WAITING_PHASES, *_ENDED_PHASES):
         raise ArchiveError(f"{job}/phase sent {printable(phase[:80])!r}, which is no phase of a job")
     return phase
 
 
-def _short_deadline(end=None):
+def _short_deadline(deadline=None):
     """Until when a short answer is waited for, by the monotonic clock."""
     soon = time.monotonic() + _TIMEOUT
-    return soon if end is None else min(soon, max(end, time.monotonic() + 1.0))
+    return soon if deadline is None else min(soon, max(deadline, time.monotonic() + 1.0))
 
 
 def _read_at_most(answer, size, deadline):
-    """Read a limited number of bytes of an answer, until `end` at the latest; all that it announced, or none."""
+    """Read a limited number of bytes of an answer, until `deadline` at the latest; all that it announced, or none."""
     body = bytearray()
     try:
         while len(body) < size and (block := answer.read1(size - len(body))):
@@ -274,14 +274,14 @@ def _read_at_most(answer, size, deadline):
     return bytes(body)
 
 
-def _wait(job, patience, interval, progress):
-    end, failures, is_started = time.monotonic() + patience, 0, False
+def _wait_for_job(job, patience, interval, progress):
+    deadline, failures, is_started = time.monotonic() + patience, 0, False
     with progress_bar(words="the archive is at work", shown=progress, unit=" s", bar_format="{desc}: {elapsed}") as bar:
         while True:
             try:
-                phase = _phase(job, end)
-                if phase in _STOPPED and not is_started:
-                    _open(f"{job}/phase", {"PHASE": "RUN"}, end).close()
+                phase = _read_phase(job, deadline)
+                if phase in _STOPPED_PHASES and not is_started:
+                    _open_url(f"{job}/phase", {"PHASE": "RUN"}, deadline).close()
                     is_started = True
                 failures = 0
             except _RefusedError:
@@ -291,30 +291,30 @@ def _wait(job, patience, interval, progress):
                 if failures > 3:  # a network may be away for a moment
                     raise
                 phase = "UNKNOWN"
-            if phase not in _WAITING:
+            if phase not in _WAITING_PHASES:
                 break
-            if time.monotonic() > end:
+            if time.monotonic() > deadline:
                 raise ArchiveError(f"{job} is {phase.lower()} after {patience:g} s: the same call later waits on")
             bar.set_description(f"the archive is at work ({phase.lower()})")
             bar.update(0)
             time.sleep(interval)
             interval = min(1.3 * interval, 30.0)
     if phase != "COMPLETED":
-        with _open(f"{job}/error") as answer:
-            message = _message(_read_at_most(answer, _BLOCK, _short_deadline()))
+        with _open_url(f"{job}/error") as answer:
+            message = _extract_message(_read_at_most(answer, _BLOCK_BYTES, _short_deadline()))
         raise ArchiveError(f"the query ended {phase.lower()}: {message or 'the server does not say why'}")
 
 
-def _fetch(address, path, end, max_bytes, progress):
-    """An answer into a file: until `end` by the monotonic clock, and of at most so many bytes."""
-    with _open(address, end=end) as answer, path.open("wb") as file:
+def _download(address, path, deadline, max_bytes, progress):
+    """An answer into a file: until `deadline` by the monotonic clock, and of at most so many bytes."""
+    with _open_url(address, deadline=deadline) as answer, path.open("wb") as file:
         length = answer.headers.get("Content-Length") or ""
         size = int(length) if length.isascii() and length.isdigit() else 0
         _check_room(size, path, max_bytes)
         with progress_bar(total=size or None, words="fetching", shown=progress, unit="B", unit_scale=True) as bar:
             while True:
                 try:
-                    block = answer.read1(_BLOCK)
+                    block = answer.read1(_BLOCK_BYTES)
                 except (OSError, http.client.HTTPException) as error:
                     raise ArchiveError(
                         f"{address}: the connection was cut ({error}); the same call fetches it again"
@@ -323,7 +323,7 @@ def _fetch(address, path, end, max_bytes, progress):
                     break
                 file.write(block)  # what the disk says of it is its own, not the network's
                 bar.update(len(block))
-                if time.monotonic() > end:
+                if time.monotonic() > deadline:
                     raise ArchiveError(
                         f"{address}: {file.tell()} bytes came within the time (patience): the same call later fetches "
                         "it again"
@@ -345,17 +345,17 @@ def _check_room(size, path, max_bytes):
         raise ArchiveError(f"the answer has {size} bytes, and the disk has room for {free_space}")
 
 
-def _check_complete(path, max_rows):
+def _count_complete_rows(path, max_rows):
     """Count the rows of the table, once it is known to be complete."""
     with path.open("rb") as file:
-        start = file.read(_BLOCK)
+        start = file.read(_BLOCK_BYTES)
     if start.lstrip()[:5] in (b"<?xml", b"<VOTA"):  # TAP's way to say that something is wrong
-        raise ArchiveError(f"the server sent no FITS table: {_message(start) or 'a VOTable'}")
+        raise ArchiveError(f"the server sent no FITS table: {_extract_message(start) or 'a VOTable'}")
     try:
         rows = tables.fits_rows(path, path.name)
     except TableError as error:
         raise ArchiveError(f"the server sent no whole FITS table ({error}); the same call fetches it again") from error
-    limit = max_rows if max_rows is not None and rows >= max_rows else next((n for n in _LIMITS if rows == n), None)
+    limit = max_rows if max_rows is not None and rows >= max_rows else next((n for n in _ROW_LIMITS if rows == n), None)
     if limit:
         raise ArchiveError(
             f"the answer was cut off at {limit} rows: ask for more (max_rows, or log in and hand over the file), or for"
@@ -368,29 +368,29 @@ class _RefusedError(ArchiveError):
     """The server was there and said no."""
 
 
-def _multipart(form, upload):
+def _encode_multipart(form, upload):
     """Body and type of a form with a file, as browsers send them (RFC 7578)."""
-    mark = f"vsh{hashlib.sha256(upload).hexdigest()}"
+    boundary = f"vsh{hashlib.sha256(upload).hexdigest()}"
     fields = [(f'form-data; name="{name}"', "", str(value).encode()) for name, value in form.items()]
     fields.append(
         (f'form-data; name="{SENT}"; filename="{SENT}.vot"', "Content-Type: application/x-votable+xml\r\n", upload)
     )
     body_parts = [
-        f"--{mark}\r\nContent-Disposition: {head}\r\n{content_type}\r\n".encode() + value + b"\r\n"
+        f"--{boundary}\r\nContent-Disposition: {head}\r\n{content_type}\r\n".encode() + value + b"\r\n"
         for head, content_type, value in fields
     ]
-    return b"".join([*body_parts, f"--{mark}--\r\n".encode()]), f"multipart/form-data; boundary={mark}"
+    return b"".join([*body_parts, f"--{boundary}--\r\n".encode()]), f"multipart/form-data; boundary={boundary}"
 
 
-def _open(url, form=None, end=None, upload=None):
+def _open_url(url, form=None, deadline=None, upload=None):
     """The answer to a request, once its head is there; in a thread, since a head that trickles obeys no time limit."""
     if urllib.parse.urlsplit(url).scheme not in ("http", "https"):
         raise ArchiveError(f"{printable(url)} is no address of a service: https://…")
-    head = {"User-Agent": "vsh-astrometry"}
+    headers = {"User-Agent": "vsh-astrometry"}
     body = None if form is None else urllib.parse.urlencode(form).encode()
     if upload is not None:
-        body, head["Content-Type"] = _multipart(form, upload)
-    request = urllib.request.Request(url, body, head)
+        body, headers["Content-Type"] = _encode_multipart(form, upload)
+    request = urllib.request.Request(url, body, headers)
     answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
     def ask():
@@ -401,14 +401,14 @@ def _open(url, form=None, end=None, upload=None):
 
     threading.Thread(target=ask, daemon=True).start()
     try:
-        answer = answers.get(timeout=max(_short_deadline(end) - time.monotonic(), 0.1))
+        answer = answers.get(timeout=max(_short_deadline(deadline) - time.monotonic(), 0.1))
     except queue.Empty:
         raise ArchiveError(f"{url} does not answer in time") from None
     if not isinstance(answer, BaseException):
         return answer
     if isinstance(answer, urllib.error.HTTPError):
         with answer:
-            message = _message(_read_at_most(answer, _BLOCK, _short_deadline()))
+            message = _extract_message(_read_at_most(answer, _BLOCK_BYTES, _short_deadline()))
         raise _RefusedError(f"{url} answered {answer.code}: {message or answer.reason}") from answer
     if isinstance(answer, (OSError, http.client.HTTPException, ValueError)):
         reason = getattr(answer, "reason", None) or answer
@@ -416,7 +416,7 @@ def _open(url, form=None, end=None, upload=None):
     raise answer
 
 
-def _message(body):
+def _extract_message(body):
     """Extract the error message of a VOTable, XML or plain text, in one line."""
     text = body.decode("utf-8", "replace")
     try:
@@ -438,10 +438,10 @@ def _message(body):
 
 def _read_note(path) -> dict[str, Any]:
     try:
-        job = json.loads(path.read_text(encoding="utf-8"))
+        record = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
-    return job if isinstance(job, dict) else {}
+    return record if isinstance(record, dict) else {}
 
 
 def _write_note(path, facts):

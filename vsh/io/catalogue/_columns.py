@@ -40,11 +40,11 @@ FURTHER_UNITS = {
     "parallax": u.mas, "parallax_error": u.mas,
 }  # fmt: skip
 #: Those whose unit is asked for where a table does not tell it: nobody would see that kpc were taken as Mpc.
-MUST_SAY = ("distance", "distance_error", "parallax", "parallax_error")
+UNIT_REQUIRED = ("distance", "distance_error", "parallax", "parallax_error")
 
 
 #: No distance is apart from that by the redshift, at H0 = 70 km/s/Mpc, by such a factor, for most sources.
-_APART = 20.0
+_MAX_RATIO = 20.0
 
 
 def as_columns(columns: Any) -> ColumnRequest:
@@ -65,9 +65,9 @@ def as_columns(columns: Any) -> ColumnRequest:
         raise TableError(f"columns: no set of names is called {set_name!r}; there are {', '.join(NAMED)}")
     names = {role: name.strip() if isinstance(name, str) else name for role, name in columns.items() if role != "names"}
     roles = [f.name for f in fields(Columns)]
-    wrong = [str(role) for role in names if role not in roles]
-    if wrong:
-        raise TableError(f"columns: nothing is called {', '.join(wrong)}; there are {', '.join(roles)}")
+    unknown_roles = [str(role) for role in names if role not in roles]
+    if unknown_roles:
+        raise TableError(f"columns: nothing is called {', '.join(unknown_roles)}; there are {', '.join(roles)}")
     return ColumnRequest(replace(NAMED[set_name], **names), None if "names" in columns else tuple(names))
 
 
@@ -90,7 +90,7 @@ def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str
             notes += _notes_on_flags(f.name, name, source)
     # What a field wrote of itself it reads: elsewhere a column called distance or parallax may be anything.
     for role in str(source.meta.get(MEASURED_KEY, "")).split():
-        if role in MUST_SAY and role in source.names and role not in (wanted.asked or ()):
+        if role in UNIT_REQUIRED and role in source.names and role not in (wanted.asked or ()):
             column_names.setdefault(role, role)
     if absent:
         (role, name), *remainder = absent
@@ -100,18 +100,18 @@ def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str
         if all(re.fullmatch(r"col\d+", column) for column in source.names):
             remark += "; no line has as many names as there are values, so columns are called by their numbers"
         if {role for role, _ in absent} == {"pmra_error", "pmdec_error"}:
-            same = "gives all motions the same error in µas/yr"
-            remark += f"; for a table without errors, sigma=100 (--columns sigma=100) {same}"
+            sigma_effect = "gives all motions the same error in µas/yr"
+            remark += f"; for a table without errors, sigma=100 (--columns sigma=100) {sigma_effect}"
         if set(REQUIRED[2:]) <= {role for role, _ in absent} and not {"ra", "dec"} & {role for role, _ in absent}:
             raise TableError(
                 f"{source.label} is a list of positions, without motions ({missing_column(name, source)}): vsh-compare "
                 "compares two of them, vsh-correlate needs one, vsh-sim --positions simulates motions; or say which "
                 "columns are the motions: columns={'pmra': …} (--columns pmra=…,pmdec=…)"
             )
-        best, set_name = ColumnRequest().choose_names(source.names)
-        fits = set_name and all(getattr(best, column) in source.names for column in REQUIRED)
-        proposal = _propose([role for role, _ in absent], column_names, source)
-        answer = f"columns={set_name!r} (--columns {set_name})" if fits else proposal
+        best_columns, set_name = ColumnRequest().choose_names(source.names)
+        is_known_set = set_name and all(getattr(best_columns, column) in source.names for column in REQUIRED)
+        proposal = _propose_columns([role for role, _ in absent], column_names, source)
+        answer = f"columns={set_name!r} (--columns {set_name})" if is_known_set else proposal
         raise TableError(f"{source.label}: {missing_column(name, source)}{remark}. Say which it is: {answer}")
     if twins := [name for name in column_names.values() if name in source.twins]:
         role = next(role for role, column in column_names.items() if column == twins[0])
@@ -130,28 +130,28 @@ def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str
     return column_names, notes
 
 
-def _propose(absent, column_names, source):
+def _propose_columns(absent, column_names, source):
     """The words that answer a question for columns: those of the likeliest names, and of units that nobody says."""
     guesses = _names.guess_names(column_names, source.names)
     choice = {role: guesses.get(role, "…") for role in absent}
     all_names = column_names | choice
-    bare = [all_names.get(role, "…") for role in REQUIRED[2:]]
-    bare = [name for name in bare if name != "…" and unit_of(name, {}, source) is None]
+    unitless = [all_names.get(role, "…") for role in REQUIRED[2:]]
+    unitless = [name for name in unitless if name != "…" and unit_of(name, {}, source) is None]
     options = {"columns": choice}
-    if bare and "…" not in choice.values():
-        options["units"] = dict.fromkeys(bare, "mas/yr")
+    if unitless and "…" not in choice.values():
+        options["units"] = dict.fromkeys(unitless, "mas/yr")
     python = ", ".join(f"{name}={mapping!r}" for name, mapping in options.items())
-    pairs = {name: ",".join(f"{a}={b}" for a, b in mapping.items()) for name, mapping in options.items()}
-    shell = " ".join(f"--{name} {shlex.quote(text)}" for name, text in pairs.items())
+    words = {name: ",".join(f"{key}={value}" for key, value in mapping.items()) for name, mapping in options.items()}
+    shell = " ".join(f"--{name} {shlex.quote(text)}" for name, text in words.items())
     return f"{python} ({shell})" + (", or another unit" if "units" in options else "")
 
 
 def _notes_on_flags(role, names, source):
     """Notes on columns of flags under other names than those that are looked for."""
-    like = [column for column in source.names if any(name in column.lower() for name in names)]
-    text = f"warning: {', '.join(map(printable, like))} is not used to leave out sources; "
-    remedy = f"--columns {shlex.quote(f'{role}={printable(like[0])}')}" if like else ""
-    return [CodedNote(f"{text}{remedy} uses it", DOUBT)] if like else []
+    similar = [column for column in source.names if any(name in column.lower() for name in names)]
+    text = f"warning: {', '.join(map(printable, similar))} is not used to leave out sources; "
+    remedy = f"--columns {shlex.quote(f'{role}={printable(similar[0])}')}" if similar else ""
+    return [CodedNote(f"{text}{remedy} uses it", DOUBT)] if similar else []
 
 
 def _notes_on_correlations(names, source, motion):
@@ -159,19 +159,19 @@ def _notes_on_correlations(names, source, motion):
     correlations = find_correlations(source)
     motions = [n for n in source.names if n not in correlations and not re.search("err|sig|unc|std|parallax|plx", n)]
     others = {_names.affixes_of(name, "pmra") for name in motions} - {_names.affixes_of(motion, "pmra"), ("", "")}
-    like = [name for name in correlations if not any(name.startswith(b) and name.endswith(a) for b, a in others)]
-    if not like:
+    similar = [name for name in correlations if not any(name.startswith(b) and name.endswith(a) for b, a in others)]
+    if not similar:
         text = f"no column {' or '.join(dict.fromkeys(names))}: correlations taken as zero"
         return [CodedNote(text, ASSUMED_MOTIONS)]
-    listing = ", ".join(map(printable, like[:3]))
+    listing = ", ".join(map(printable, similar[:3]))
     text = (
         f"warning: correlations of the motions taken as zero, though the table has {listing}: if it is that, say "
-        f"--columns {shlex.quote(f'pmra_pmdec_corr={printable(like[0])}')}"
+        f"--columns {shlex.quote(f'pmra_pmdec_corr={printable(similar[0])}')}"
     )
     return [CodedNote(text, UNUSED_CORRELATIONS)]
 
 
-def doubt_positions(columns: Any, assumed: Any, at_least: int = 20, names: Mapping[str, str] | None = None) -> None:
+def check_degrees(columns: Any, assumed: Any, at_least: int = 20, names: Mapping[str, str] | None = None) -> None:
     """Raise FieldError where bare positions look like radians or hours rather than degrees."""
     if not assumed:
         return
@@ -182,26 +182,26 @@ def doubt_positions(columns: Any, assumed: Any, at_least: int = 20, names: Mappi
     if ra.size < at_least or dec.size < at_least:
         return
     with np.errstate(invalid="ignore"):
-        small = (ra >= -np.pi).all() and (ra <= 2 * np.pi).all() and (np.abs(dec) <= np.pi / 2).all()
-        hours = (ra >= 0).all() and (ra <= 24).all() and np.ptp(ra) > 12 and np.ptp(dec) > 30
-    reach = f"{ra.min():.3g} to {ra.max():.3g} and from {dec.min():.3g} to {dec.max():.3g}"
-    if small and np.ptp(ra) > 1 and np.ptp(dec) > 0.5:
+        looks_like_radians = (ra >= -np.pi).all() and (ra <= 2 * np.pi).all() and (np.abs(dec) <= np.pi / 2).all()
+        looks_like_hours = (ra >= 0).all() and (ra <= 24).all() and np.ptp(ra) > 12 and np.ptp(dec) > 30
+    ranges = f"{ra.min():.3g} to {ra.max():.3g} and from {dec.min():.3g} to {dec.max():.3g}"
+    if looks_like_radians and np.ptp(ra) > 1 and np.ptp(dec) > 0.5:
         raise FieldError(
-            f"{lon} and {lat} have no unit and reach only from {reach}: radians? Say units={{{lon!r}: 'rad', {lat!r}: "
+            f"{lon} and {lat} have no unit and reach only from {ranges}: radians? Say units={{{lon!r}: 'rad', {lat!r}: "
             f"'rad'}} (--units {shlex.quote(f'{lon}=rad,{lat}=rad')}), or deg if they are degrees"
         )
-    if hours:
+    if looks_like_hours:
         raise FieldError(
-            f"{lon} and {lat} have no unit and reach from {reach}: is {lon} in hours? Say units={{{lon!r}: "
+            f"{lon} and {lat} have no unit and reach from {ranges}: is {lon} in hours? Say units={{{lon!r}: "
             f"'hourangle'}} (--units {shlex.quote(f'{lon}=hourangle')}), or deg if they are degrees"
         )
 
 
 #: Median errors outside these are of no survey, nor is a median motion above the last. [µas/yr]
-_ERRORS = 1.0, 1e5
-_MOTIONS = 3e6
+_PLAUSIBLE_ERRORS = 1.0, 1e5
+_LARGEST_MOTION = 3e6
 #: Motions below this share of the smallest error are in another unit: of twenty sources not one would be so small.
-_SMALL = 0.1
+_SMALL_SHARE = 0.1
 
 
 def size_warnings(field: Any, at_least: int = 20, *, is_assumed: bool = False) -> list[str]:
@@ -209,15 +209,15 @@ def size_warnings(field: Any, at_least: int = 20, *, is_assumed: bool = False) -
 
     Where the unit of motions is assumed, smaller numbers are doubted already.
     """
-    limits = _ERRORS[0], _ERRORS[1] / (2 if is_assumed else 1)
+    error_limits = _PLAUSIBLE_ERRORS[0], _PLAUSIBLE_ERRORS[1] / (2 if is_assumed else 1)
     sigma, motion = field.sigma, field.motion
     if len(field) < at_least or (motion == 0).all():
         return []
     # Where all are plausible their medians are, which take longer to see.
     (least, most), (lowest, highest) = span_of(sigma), span_of(motion)
-    plausible = within((least, most), *limits) and within((lowest, highest), -_MOTIONS, _MOTIONS)
-    notes = [] if plausible else _motion_warnings(np.median(sigma), np.median(np.abs(motion)), limits)
-    if max(-lowest, highest) < _SMALL * least:
+    plausible = within((least, most), *error_limits) and within((lowest, highest), -_LARGEST_MOTION, _LARGEST_MOTION)
+    notes = [] if plausible else _motion_warnings(np.median(sigma), np.median(np.abs(motion)), error_limits)
+    if max(-lowest, highest) < _SMALL_SHARE * least:
         text = f"no motion is above {max(-lowest, highest):.3g} µas/yr, and no error below {least:.3g} µas/yr"
         notes.append(CodedNote(f"warning: {text}: in which units are they (units=, --units)?", DOUBT))
     if field.redshift is not None and field.distance is not None:
@@ -229,22 +229,22 @@ def _distance_warnings(distance, redshift):
     """A warning where distances and redshifts are apart by a power of ten or more, as kpc and Mpc are."""
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = distance * 70 / (SPEED_OF_LIGHT * np.where(redshift > 0.002, redshift, np.nan))
-    middle = np.median(ratio[np.isfinite(ratio)]) if np.isfinite(ratio).sum() > 9 else 1.0
-    if 1 / _APART < middle < _APART:
+    median_ratio = np.median(ratio[np.isfinite(ratio)]) if np.isfinite(ratio).sum() > 9 else 1.0
+    if 1 / _MAX_RATIO < median_ratio < _MAX_RATIO:
         return []
-    text = f"distances are {middle:.2g} times those by the redshifts: is their unit right (--units distance=…)?"
+    text = f"distances are {median_ratio:.2g} times those by the redshifts: is their unit right (--units distance=…)?"
     return [CodedNote(f"warning: {text}", DOUBT)]
 
 
-def _motion_warnings(error, size, limits):
+def _motion_warnings(median_error, median_motion, error_limits):
     """Warnings of a median error and a median motion in µas/yr."""
     notes = []
-    if not limits[0] < error < limits[1]:
-        side, likely = ("above", "µas/yr read as mas/yr") if error > 1 else ("below", "mas/yr read as µas/yr")
-        text = f"{side} {error:.3g} µas/yr, which no survey has: {likely}? Say the unit: units= (--units)"
+    if not error_limits[0] < median_error < error_limits[1]:
+        side, likely = ("above", "µas/yr read as mas/yr") if median_error > 1 else ("below", "mas/yr read as µas/yr")
+        text = f"{side} {median_error:.3g} µas/yr, which no survey has: {likely}? Say the unit: units= (--units)"
         notes.append(CodedNote(f"warning: half of the errors are {text}", DOUBT))
-    if size > 300 * max(error, 1.0) and size > _MOTIONS:
-        text = f"above {size:.3g} µas/yr: is the unit right (units=, --units)?"
+    if median_motion > 300 * max(median_error, 1.0) and median_motion > _LARGEST_MOTION:
+        text = f"above {median_motion:.3g} µas/yr: is the unit right (units=, --units)?"
         notes.append(CodedNote(f"warning: half of the motions are {text}", DOUBT))
     return notes
 
@@ -262,20 +262,20 @@ class RowSelection:
 
     def of(self, block: Mapping[str, Any], first_row: int) -> tuple[dict[str, Any], Any, list[str]]:
         """The selected rows of a block, their numbers, and a note that counts the others."""
-        read = {name: block[self._roles.get(name, name)] for name in self._where.names}
-        selection, missing = self._where.rows(read or block)
+        condition_columns = {name: block[self._roles.get(name, name)] for name in self._where.names}
+        selection, missing = self._where.rows(condition_columns or block)
         counts = {FALSE: int((~selection & ~missing).sum()), MISSING: int(missing.sum())}
         counts = {reason: count for reason, count in counts.items() if count}
-        mark = np.packbits(selection), np.array([first_row]), *(array for array, _ in list(block.values())[:2])
-        note = UnselectedRows.of_table(counts, len(selection), *mark, names=(self._where.shown,))
+        fingerprint = np.packbits(selection), np.array([first_row]), *(array for array, _ in list(block.values())[:2])
+        note = UnselectedRows.of_table(counts, len(selection), *fingerprint, names=(self._where.shown,))
         if not selection.any():
             raise nothing_selected((note,))
         rows = np.flatnonzero(selection)
-        subset = {
+        selected_block = {
             name: (values[rows], None if mask is None else np.asarray(mask)[rows])
             for name, (values, mask) in block.items()
         }
-        return subset, first_row + rows, [note]
+        return selected_block, first_row + rows, [note]
 
 
 def nothing_selected(notes: Iterable[str]) -> EmptySelectionError:
@@ -308,30 +308,30 @@ def conversion_factors(
         elif role in _UNIT_OF and (unit := unit_of(column_of[_UNIT_OF[role]], units, source)) is not None:
             # An error is in the unit of what it is the error of, unless the table states another.
             motion = column_of[_UNIT_OF[role]]
-            assumed_units.setdefault(f"{_unit_text(unit)}, the unit of {printable(motion)}", []).append(name)
+            assumed_units.setdefault(f"{_format_unit(unit)}, the unit of {printable(motion)}", []).append(name)
             role_factors[role] = factor_to(motion, unit, target, motion in units)
         elif assumed_unit is not None and role in REQUIRED[2:]:
             assumed_units.setdefault(assumed_unit, []).append(name)
             role_factors[role] = factor_to(name, assumed_unit, target, False)
         elif role in ("ra", "dec") or (role in _GAIA_UNITS and name.lower() == role) or role in like_gaia:
-            assumed_units.setdefault(_unit_text(target), []).append(name)
+            assumed_units.setdefault(_format_unit(target), []).append(name)
             role_factors[role] = 1.0
-        elif role in REQUIRED or role in MUST_SAY:
+        elif role in REQUIRED or role in UNIT_REQUIRED:
             is_modulus = role.startswith("distance") and _OF_MODULI.search(name)
-            missing_units[name] = "mag" if is_modulus else _unit_text(target)
+            missing_units[name] = "mag" if is_modulus else _format_unit(target)
     if missing_units:
-        several = (
+        subject = (
             f"columns {', '.join(map(repr, missing_units))} have"
             if len(missing_units) > 1
             else f"column {next(iter(missing_units))!r} has"
         )
         hint = shlex.quote(",".join(f"{name}={unit.replace(' ', '')}" for name, unit in missing_units.items()))
-        lengths = (
+        length_units = (
             ", or kpc, pc, or mag of distance moduli"
-            if any(role.startswith("distance") and column_of.get(role) in missing_units for role in MUST_SAY)
+            if any(role.startswith("distance") and column_of.get(role) in missing_units for role in UNIT_REQUIRED)
             else ""
         )
-        raise TableError(f"{several} no unit: say which, units={missing_units!r}{lengths} (--units {hint})")
+        raise TableError(f"{subject} no unit: say which, units={missing_units!r}{length_units} (--units {hint})")
     return role_factors, assumed_units
 
 
@@ -352,17 +352,17 @@ def unit_of(name: str, units: Mapping[str, Any], source: TableSource) -> Any:
 
 
 @lru_cache
-def _unit_text(unit):
+def _format_unit(unit):
     return str(unit)
 
 
 def notes_on_units(column_of: Mapping[str, str], units: Mapping[str, Any]) -> list[str]:
     """A note where motions and their errors are not all in one unit, which is seldom meant."""
     roles = [role for role in REQUIRED[2:] if role in units]
-    sizes = {role: units[role] for role in roles if not column_of[role].startswith(ASSUMED)}
-    if len({float(f"{size:.9g}") for size in sizes.values()}) < 2:
+    scales = {role: units[role] for role in roles if not column_of[role].startswith(ASSUMED)}
+    if len({float(f"{size:.9g}") for size in scales.values()}) < 2:
         return []
-    listing = ", ".join(f"{printable(column_of[role])} in units of {size:.6g} mas/yr" for role, size in sizes.items())
+    listing = ", ".join(f"{printable(column_of[role])} in units of {size:.6g} mas/yr" for role, size in scales.items())
     return [CodedNote(f"proper motions and errors are in different units: is that so? ({listing})", ASSUMED_UNITS)]
 
 
@@ -371,7 +371,7 @@ def _factor_of_role(role, name, unit, target, from_user):
     try:
         astropy_unit = parse_unit(unit)
     except (ValueError, TypeError):
-        if target == u.dimensionless_unscaled and str(unit).strip().lower() in _NO_UNIT:
+        if target == u.dimensionless_unscaled and str(unit).strip().lower() in _WORDS_FOR_NO_UNIT:
             return 1.0
         return factor_to(name, unit, target, from_user)  # which says what is wrong
     if role == "magnitude":  # of any zero point: magnitudes are separated by their differences alone
@@ -403,7 +403,7 @@ def _factor_of_role(role, name, unit, target, from_user):
 
 
 #: Words that tables have where there is no unit.
-_NO_UNIT = ("none", "-", "--", "---", "unitless", "dimensionless", "null", "n/a")
+_WORDS_FOR_NO_UNIT = ("none", "-", "--", "---", "unitless", "dimensionless", "null", "n/a")
 #: In place of a factor: a distance modulus with its error, both in mag.
 MODULUS = -1.0
 
@@ -414,13 +414,13 @@ def convert_modulus(columns: dict[str, Any]) -> list[str]:
     notes = []
     if "redshift" in columns:
         z = np.ma.filled(np.ma.asarray(columns["redshift"], float), np.nan)
-        far = np.isfinite(z) & (z > 0)
-        distance = distance / (1 + np.where(far, z, 0.0))
-        left = int(far.size - far.sum())
+        has_redshift = np.isfinite(z) & (z > 0)
+        distance = distance / (1 + np.where(has_redshift, z, 0.0))
+        n_left = int(has_redshift.size - has_redshift.sum())
     else:
-        left = np.size(distance)
-    if left:
-        notes = [f"{left} luminosity distances by their moduli are not divided by 1 + z, where no redshift is read"]
+        n_left = np.size(distance)
+    if n_left:
+        notes = [f"{n_left} luminosity distances by their moduli are not divided by 1 + z, where no redshift is read"]
     columns["distance"] = distance
     if "distance_error" in columns:
         columns["distance_error"] = np.log(10) / 5 * columns["distance"] * columns["distance_error"]
@@ -430,7 +430,7 @@ def convert_modulus(columns: dict[str, Any]) -> list[str]:
 _SEXAGESIMAL = re.compile(r"\s*([-+]?)(\d+)[\s:hd°]+(\d+)[\s:m']+(\d+(?:\.\d*)?)[s\"]?\s*")
 
 
-def sexagesimal_degrees(role: str, name: str, values: Any, missing: BoolArray | None, unit: str = "") -> Any:
+def parse_sexagesimal(role: str, name: str, values: Any, missing: BoolArray | None, unit: str = "") -> Any:
     """Degrees of positions that are text in hours or degrees, minutes and seconds; None of other columns.
 
     Right ascension is in hours unless its text has a mark of degrees, or its unit is one of degrees.
@@ -443,23 +443,23 @@ def sexagesimal_degrees(role: str, name: str, values: Any, missing: BoolArray | 
     if role not in ("ra", "dec") or getattr(values, "dtype", np.dtype(float)).kind not in "US":
         return None
     text = values.astype(str)
-    lost = np.zeros(len(text), bool) if missing is None else missing
-    matches = [None if gone else _SEXAGESIMAL.fullmatch(entry) for entry, gone in zip(text, lost, strict=True)]
-    wrong = np.array([match is None and not gone for match, gone in zip(matches, lost, strict=True)], bool)
-    if 2 * wrong.sum() >= len(wrong):
+    is_missing = np.zeros(len(text), bool) if missing is None else missing
+    matches = [None if gone else _SEXAGESIMAL.fullmatch(entry) for entry, gone in zip(text, is_missing, strict=True)]
+    is_wrong = np.array([match is None and not gone for match, gone in zip(matches, is_missing, strict=True)], bool)
+    if 2 * is_wrong.sum() >= len(is_wrong):
         return None  # what is wrong with it is said where it is made numbers
     components = np.array([[0, 0, 0] if match is None else match.groups()[1:] for match in matches], float).T
-    size = components[0] + components[1] / 60 + components[2] / 3600
-    negative = np.array([match is not None and match[1] == "-" for match in matches])
+    absolute = components[0] + components[1] / 60 + components[2] / 3600
+    is_negative = np.array([match is not None and match[1] == "-" for match in matches])
     in_degrees = role == "dec" or unit.strip('"').lower() in ("d:m:s", "deg", "degree", "degrees")
     is_degree = np.array([in_degrees or "d" in entry or "°" in entry for entry in text])
-    beyond = (size >= 24) & ~is_degree & ~wrong & ~lost
+    beyond = (absolute >= 24) & ~is_degree & ~is_wrong & ~is_missing
     if 10 * beyond.sum() > len(text):
         raise FieldError(
             f"column {name!r} goes beyond 24 hours in {beyond.sum()} of {len(text)} rows, {printable(text[beyond][0])} "
             f"say: degrees, minutes and seconds? Say units={{{name!r}: 'deg'}} (--units {shlex.quote(f'{name}=deg')})"
         )
-    return np.where(wrong, np.nan, np.where(negative, -size, size) * np.where(is_degree, 1.0, 15.0))
+    return np.where(is_wrong, np.nan, np.where(is_negative, -absolute, absolute) * np.where(is_degree, 1.0, 15.0))
 
 
 def as_doubles(name: str, values: Any, missing: BoolArray | None, first_row: Any = 0) -> Any:
@@ -471,7 +471,7 @@ def as_doubles(name: str, values: Any, missing: BoolArray | None, first_row: Any
     return np.ma.MaskedArray(floats, mask)
 
 
-def identifiers(name: str, values: Any, missing: BoolArray | None) -> Any:
+def convert_identifiers(name: str, values: Any, missing: BoolArray | None) -> Any:
     """Names as 64-bit integers or text, and notes; masked integers become text, so that no digit is lost."""
     notes = []
     mask = np.zeros(len(values), bool) if missing is None else missing

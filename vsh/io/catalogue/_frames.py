@@ -27,9 +27,9 @@ _BY_NAME = {
     "galactic": ("l", "b", "glon", "glat", "gallon", "gallat", "lii", "bii", "lgal", "bgal"),
     "ecliptic": ("elon", "elat", "ecllon", "ecllat", "eclipticlon", "eclipticlat"),
 }
-_OLD = re.compile(r"B1950|1950|FK4", re.IGNORECASE)
+_B1950_NAME = re.compile(r"B1950|1950|FK4", re.IGNORECASE)
 #: Names of supergalactic longitudes and latitudes, and of motions along them.
-_SUPER = re.compile(r"(pm_?|mu_?|e_?)*(sg_?(l|b|lon|lat)|super_?gal\w*)", re.IGNORECASE)
+_SUPERGALACTIC_NAME = re.compile(r"(pm_?|mu_?|e_?)*(sg_?(l|b|lon|lat)|super_?gal\w*)", re.IGNORECASE)
 _MOTIONS = {
     "icrs": re.compile(r"(pm|mu|e?pm)_?(ra|alpha|de|dec|delta|ra_?cos_?dec|alpha_?(star|\*))\*?", re.IGNORECASE),
     "galactic": re.compile(r"(pm|mu)_?g?(al)?_?(l|b|lon|lat|l_?cos_?b)\*?", re.IGNORECASE),
@@ -75,24 +75,24 @@ def frames_of(column_of: Mapping[str, str], frame: str | None, source: TableSour
         If the table states axes that are not read, or names alone do not tell them.
     """
     by_name = _frame_by_names(column_of.get("ra"), column_of.get("dec"))
-    places = [column_of.get(role, "") for role in (*_POSITIONS, "pmra", "pmdec")]
-    old, super_galactic = filter(_OLD.search, places[:2]), filter(_SUPER.fullmatch, places)
-    for what, found in (("positions of B1950", old), ("supergalactic axes", super_galactic)):
-        if frame is None and (name := next(found, None)):
+    labels = [column_of.get(role, "") for role in (*_POSITIONS, "pmra", "pmdec")]
+    b1950_names, supergalactic = filter(_B1950_NAME.search, labels[:2]), filter(_SUPERGALACTIC_NAME.fullmatch, labels)
+    for kind, matches in (("positions of B1950", b1950_names), ("supergalactic axes", supergalactic)):
+        if frame is None and (name := next(matches, None)):
             raise TableError(
-                f"column {printable(name)!r}: {what} are not read. Turn them to ICRS first, or say frame= (--columns "
+                f"column {printable(name)!r}: {kind} are not read. Turn them to ICRS first, or say frame= (--columns "
                 "frame=) if the name is wrong"
             )
     of_motions = _frame_of_motions(column_of)
-    _check_errors(column_of, of_motions)
+    _check_error_axes(column_of, of_motions)
     stated, notes = (None, ()) if frame is not None else _stated_frame(column_of, source)
-    known = check_frame(frame) if frame is not None else stated if by_name in (None, stated) else None
-    if by_name and of_motions == "icrs" and known in (None, by_name):
+    known_frame = check_frame(frame) if frame is not None else stated if by_name in (None, stated) else None
+    if by_name and of_motions == "icrs" and known_frame in (None, by_name):
         names = ", ".join(printable(column_of[role]) for role in (*_POSITIONS, "pmra", "pmdec"))
         note = f"{names}: {by_name} positions, turned to ICRS, in whose axes the motions are by their names"
         return TableFrames("icrs", by_name, (*notes, note))
-    if known is not None:
-        return TableFrames(known, known, notes)
+    if known_frame is not None:
+        return TableFrames(known_frame, known_frame, notes)
     if by_name and of_motions == by_name:
         return TableFrames(by_name, by_name, (f"{by_name} axes, by the names of the columns",))
     if by_name:
@@ -106,24 +106,24 @@ def frames_of(column_of: Mapping[str, str], frame: str | None, source: TableSour
 
 def _frame_by_names(*names):
     """The frame that names of positions are of, other than ICRS."""
-    plain = [re.sub(r"[^a-z]", "", name_and_unit(name)[0].lower()) for name in names if name]
-    return next((frame for frame, known in _BY_NAME.items() if any(name in known for name in plain)), None)
+    plain_names = [re.sub(r"[^a-z]", "", name_and_unit(name)[0].lower()) for name in names if name]
+    return next((frame for frame, known in _BY_NAME.items() if any(name in known for name in plain_names)), None)
 
 
 def _frame_of_motions(column_of, suffix=""):
     """The frame that the names of both components of the motions are of, or of what has the suffix; or None."""
     names = [column_of[f"{role}{suffix}"] for role in ("pmra", "pmdec") if f"{role}{suffix}" in column_of]
-    plain = [_ERROR_WORDS.sub("", name_and_unit(name)[0]).strip("_ ") for name in names]
-    frames = [frame for frame, pattern in _MOTIONS.items() if all(map(pattern.fullmatch, plain))]
+    plain_names = [_ERROR_WORDS.sub("", name_and_unit(name)[0]).strip("_ ") for name in names]
+    frames = [frame for frame, pattern in _MOTIONS.items() if all(map(pattern.fullmatch, plain_names))]
     return frames[0] if frames and len(names) == 2 else None
 
 
-def _check_errors(column_of, of_motions):
+def _check_error_axes(column_of, of_motions):
     """Raise TableError where errors have the names of other axes than the motions have."""
     of_errors = _frame_of_motions(column_of, "_error")
     roles = ("pmra", "pmdec", "pmra_error", "pmdec_error")
-    is_plain = any(re.search(r"(pm|mu)_?(lon|lat)", column_of.get(role, ""), re.IGNORECASE) for role in roles)
-    if of_motions and of_errors and of_motions != of_errors and not is_plain:  # longitudes are of any axes
+    is_of_any_axes = any(re.search(r"(pm|mu)_?(lon|lat)", column_of.get(role, ""), re.IGNORECASE) for role in roles)
+    if of_motions and of_errors and of_motions != of_errors and not is_of_any_axes:  # longitudes are of any axes
         names = [printable(column_of[role]) for role in roles]
         raise TableError(
             f"motions {names[0]} and {names[1]} are of {of_motions} axes, errors {names[2]} and {names[3]} of "
@@ -142,9 +142,9 @@ def _stated_frame(column_of, source):
         systems = {
             (str(header[key]).strip(), header.get("EQUINOX")) for key in ("RADESYS", "RADECSYS") if header.get(key)
         }
-        if not systems and _equinox(header.get("EQUINOX")) is not None:
+        if not systems and _parse_equinox(header.get("EQUINOX")) is not None:
             # FITS standard 4.0, section 8.3: without RADESYS FK4 before 1984, and FK5 from then on.
-            systems = {("FK4" if _equinox(header["EQUINOX"]) < 1984 else "FK5", header["EQUINOX"])}
+            systems = {("FK4" if _parse_equinox(header["EQUINOX"]) < 1984 else "FK5", header["EQUINOX"])}
     if len(systems) > 1:
         listing = ", ".join(sorted(printable(name) for name, _ in systems))
         raise TableError(f"{source.label} states several coordinate systems of its positions: {listing}. Say frame=")
@@ -156,7 +156,7 @@ def _stated_frame(column_of, source):
 def _frame_of_system(name, equinox, label):
     """Our frame of a system that a table names, and notes."""
     system = _SYSTEMS.get(name.lower())
-    year = _equinox(equinox)
+    year = _parse_equinox(equinox)
     shown = printable(name if year is None or name.lower().startswith(("icrs", "gal")) else f"{name}, {equinox}")
     remedy = "turn it to ICRS first, or say frame= (--columns frame=) if that is wrong"
     if system in ("fk4", "super") or (system in ("fk5", "ecliptic") and year not in (None, 2000.0)):
@@ -169,7 +169,7 @@ def _frame_of_system(name, equinox, label):
     return system, () if system == "icrs" else (f"{system} axes, as the table states ({shown})",)
 
 
-def _equinox(value):
+def _parse_equinox(value):
     """The year of an equinox: 2000.0 of J2000, B1950.0 or 1950."""
     match = re.fullmatch(r"\s*[JB]?\s*(\d{4}(?:\.\d*)?)\s*", str(value), re.IGNORECASE)
     return float(match[1]) if match else None
@@ -195,9 +195,9 @@ def redshift_frame_of(column_of: Mapping[str, str], source: TableSource) -> str 
     return redshift_frame_in(source.descriptions.get(column_of["redshift"]))
 
 
-def one_redshift_frame(values: Any, source: TableSource) -> str | None:
+def read_redshift_frame(frame_values: Any, source: TableSource) -> str | None:
     """The frame of redshifts in a column of it, which is the same in all rows."""
-    frames = {str(value) for value in np.asarray(values)}
+    frames = {str(value) for value in np.asarray(frame_values)}
     if len(frames) > 1:
         raise TableError(f"{source.label} has redshifts of several frames, {', '.join(map(printable, sorted(frames)))}")
     return next((frame for frame in frames if frame in REDSHIFT_FRAME_NAMES), None)

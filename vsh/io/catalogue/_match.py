@@ -10,7 +10,7 @@ import numpy as np
 
 from vsh.field import MEASURED, Field
 from vsh.io import tables
-from vsh.io.catalogue._columns import RowSelection, doubt_positions, sexagesimal_degrees, unit_of
+from vsh.io.catalogue._columns import RowSelection, check_degrees, parse_sexagesimal, unit_of
 from vsh.io.catalogue._names import ColumnRequest
 from vsh.io.columns import missing_column, unit_factor
 from vsh.sky.frames import AXES, Positions
@@ -40,7 +40,7 @@ class MatchResult(NamedTuple):
     ambiguous: int
 
 
-_OF_RELEASE = re.compile(r"e?dr\d\w*_source_id", re.IGNORECASE)
+_RELEASE_ID = re.compile(r"e?dr\d\w*_source_id", re.IGNORECASE)
 
 
 def rename_sources(catalogue: Any, crosswalk: Any) -> Any:
@@ -64,15 +64,15 @@ def rename_sources(catalogue: Any, crosswalk: Any) -> Any:
     if catalogue.name is None:
         raise FieldError("a catalogue has no names that a crosswalk could turn into others")
     table = tables.open_table(crosswalk)
-    columns = [name for name in table.names if _OF_RELEASE.fullmatch(name)]
+    columns = [name for name in table.names if _RELEASE_ID.fullmatch(name)]
     if len(columns) != 2:
         raise TableError(f"{table.label} is no crosswalk: it has {len(columns)} columns such as dr3_source_id, not two")
-    further = [name for name in ("angular_distance",) if name in table.names]
-    pairs = table.columns((*columns, *further))
-    absent = np.logical_or.reduce([mask for _, mask in pairs.values() if mask is not None] or [False])
-    known = np.broadcast_to(~absent, len(pairs[columns[0]][0]))
-    values = {name: np.asarray(column)[known] for name, (column, _) in pairs.items()}
-    order = np.argsort(values[further[0]], kind="stable") if further else np.arange(len(values[columns[0]]))
+    distances = [name for name in ("angular_distance",) if name in table.names]
+    crosswalk_columns = table.columns((*columns, *distances))
+    is_absent = np.logical_or.reduce([mask for _, mask in crosswalk_columns.values() if mask is not None] or [False])
+    is_known = np.broadcast_to(~is_absent, len(crosswalk_columns[columns[0]][0]))
+    values = {name: np.asarray(column)[is_known] for name, (column, _) in crosswalk_columns.items()}
+    order = np.argsort(values[distances[0]], kind="stable") if distances else np.arange(len(values[columns[0]]))
     names = np.asarray(catalogue.name).astype(str)
     ours, theirs = sorted(columns, key=lambda name: -np.isin(values[name].astype(str), names).sum())
     nearest = {str(values[ours][row]): row for row in order[::-1]}
@@ -83,11 +83,11 @@ def rename_sources(catalogue: Any, crosswalk: Any) -> Any:
     _, inverse, counts = np.unique(new_names[rows >= 0], return_inverse=True, return_counts=True)
     selection = rows >= 0
     selection[selection] = counts[inverse] == 1
-    found = replace(catalogue[selection], name=new_names[selection])
-    shared = int((rows >= 0).sum() - selection.sum())
-    reason = f"; {shared} that share one are left out" if shared else ""
+    renamed = replace(catalogue[selection], name=new_names[selection])
+    n_shared = int((rows >= 0).sum() - selection.sum())
+    reason = f"; {n_shared} that share one are left out" if n_shared else ""
     note = f"{selection.sum()} of {len(names)} sources have a name of their own in {theirs} by {table.label}{reason}"
-    return replace(found, notes=(*found.notes, note))
+    return replace(renamed, notes=(*renamed.notes, note))
 
 
 def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None) -> MatchResult:
@@ -155,7 +155,7 @@ def match(
     positions = isinstance(a, Positions)
     b = b.at_epoch(a.epoch) if positions else b
     difference = _offsets(a, b, i, j) if positions else a.motion[:, i] - b.motion[:, j]
-    covariance = _covariance(a, i) + _covariance(b, j)
+    covariance = _select_covariances(a, i) + _select_covariances(b, j)
     sigma = np.sqrt(covariance[:2])
     unmatched_counts = f"{len(a) - len(i)} of {len(a)} and {len(b) - len(j)} of {len(b)}"
     notes = [
@@ -163,7 +163,7 @@ def match(
         "them with several counterparts"
     ]
     if by == "name":
-        separation = np.hypot(*difference) if positions else _separation(a, b, i, j)
+        separation = np.hypot(*difference) if positions else _excess_separation(a, b, i, j)
         n_distant = int((separation > 1e6).sum())
         if n_distant > max(_FAR_APART * len(i), 3):
             k = int(np.argmax(separation > 1e6))
@@ -173,8 +173,8 @@ def match(
                 "position (--match 1) names do not count"
             )
         if n_distant:
-            some = ", ".join(one_line_text(name) for name in a.name[i][separation > 1e6][:3])
-            notes.append(f"{n_distant} of the pairs are more than 1 arcsec apart ({some}): are they the same sources?")
+            names = ", ".join(one_line_text(name) for name in a.name[i][separation > 1e6][:3])
+            notes.append(f"{n_distant} of the pairs are more than 1 arcsec apart ({names}): are they the same sources?")
     extras: dict[str, Any] = {}
     if not positions:
         extras = {column: _pick(getattr(a, column), i) for column in MEASURED} | {"redshift_frame": a.redshift_frame}
@@ -202,15 +202,15 @@ def _match_by_name(a, b):
             f"names of type {a.name.dtype} and {b.name.dtype} are never equal, {one_line_text(a.name[0])} and "
             f'{one_line_text(b.name[0])} say: by="position" (--match 1) needs none'
         )
-    once = []
+    single_rows = []
     ambiguous = 0
     for catalogue in (a, b):
-        repeated, indices, counts = np.unique(catalogue.name, return_index=True, return_counts=True)
-        once.append(indices[counts == 1])
-        has_counterpart = np.isin(repeated, (b if catalogue is a else a).name)
+        unique_names, first_indices, counts = np.unique(catalogue.name, return_index=True, return_counts=True)
+        single_rows.append(first_indices[counts == 1])
+        has_counterpart = np.isin(unique_names, (b if catalogue is a else a).name)
         ambiguous += int(counts[(counts > 1) & has_counterpart].sum())
-    _, i, j = np.intersect1d(a.name[once[0]], b.name[once[1]], assume_unique=True, return_indices=True)
-    i, j = once[0][i], once[1][j]
+    _, i, j = np.intersect1d(a.name[single_rows[0]], b.name[single_rows[1]], assume_unique=True, return_indices=True)
+    i, j = single_rows[0][i], single_rows[1][j]
     order = np.argsort(i)
     return (i[order], j[order]), ambiguous
 
@@ -221,14 +221,14 @@ def _match_by_position(a, b, radius):
     chord = 2 * np.sin(radius * DEGREE / 7200)
     from scipy.spatial import cKDTree  # half of what reading a bad file would take
 
-    trees = [cKDTree(triad(each.lon, each.lat)[2].T) for each in (a, b)]
+    trees = [cKDTree(triad(catalogue.lon, catalogue.lat)[2].T) for catalogue in (a, b)]
     pairs = trees[0].query_ball_tree(trees[1], chord)
     counts = np.array([len(neighbours) for neighbours in pairs])
-    reverse = np.bincount([k for neighbours in pairs for k in neighbours], minlength=len(b))
-    i = np.array([k for k, each in enumerate(pairs) if len(each) == 1 and reverse[each[0]] == 1], int)
+    reverse_counts = np.bincount([k for neighbours in pairs for k in neighbours], minlength=len(b))
+    i = np.array([k for k, near in enumerate(pairs) if len(near) == 1 and reverse_counts[near[0]] == 1], int)
     j = np.array([pairs[k][0] for k in i], int)
-    n_matches = np.count_nonzero(counts) + np.count_nonzero(reverse)
-    return (i, j), int(n_matches - 2 * len(i))
+    n_with_neighbours = np.count_nonzero(counts) + np.count_nonzero(reverse_counts)
+    return (i, j), int(n_with_neighbours - 2 * len(i))
 
 
 def _offsets(a, b, i, j):
@@ -239,13 +239,13 @@ def _offsets(a, b, i, j):
     return np.stack([np.sum(difference * p, 0), np.sum(difference * q, 0)]) / UAS
 
 
-def _separation(a, b, i, j):
+def _excess_separation(a, b, i, j):
     """Separations of the sources of two fields, less their motion in a century, (k,). [µas]"""
     difference = triad(a.lon[i], a.lat[i])[2] - triad(b.lon[j], b.lat[j])[2]
     return np.linalg.norm(difference, axis=0) / UAS - 100 * np.hypot(*a.motion[:, i])
 
 
-def _covariance(catalogue, index):
+def _select_covariances(catalogue, index):
     """Variances and covariance, (3, k)."""
     s1, s2 = catalogue.sigma[:, index]
     return np.stack([s1**2, s2**2, catalogue.rho[index] * s1 * s2])
@@ -283,21 +283,21 @@ def read_icrf(path: PathName, name: str | None = "icrf", *, on_bad: OnBad = "rai
 
 
 #: Roles of columns, Gaia's names, and what a column without a unit is in.
-_COLUMNS = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
-_OPTIONAL = ("ra_dec_corr", "name")
-_VIZIER = {"ra_error": "e_RA_ICRS", "dec_error": "e_DE_ICRS", "ra_dec_corr": "RADEcor", "name": "Source"}
-_NAMES = ("source_id", "name", "source_name", "designation", "iers", "iers_name", "icrf")
+_UNITS_BY_ROLE = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
+_OPTIONAL_ROLES = ("ra_dec_corr", "name")
+_VIZIER_NAMES = {"ra_error": "e_RA_ICRS", "dec_error": "e_DE_ICRS", "ra_dec_corr": "RADEcor", "name": "Source"}
+_IDENTIFIER_NAMES = ("source_id", "name", "source_name", "designation", "iers", "iers_name", "icrf")
 #: Median errors without a unit outside these are of no list of positions. [mas]
-_ERRORS = 1e-3, 50.0
+_PLAUSIBLE_ERRORS = 1e-3, 50.0
 
 
-def _known_names(names):
+def _choose_column_names(names):
     """The columns of a table that have the roles, of names that are not of other axes; Gaia's where none has."""
-    roles = {role: role for role in (*_COLUMNS, *_OPTIONAL)}
-    found, set_name = ColumnRequest().choose_names(names)
-    if set_name not in AXES and {found.ra, found.dec} <= set(names):
-        roles |= {"ra": str(found.ra), "dec": str(found.dec)}
-        roles |= {role: name for role, name in _VIZIER.items() if role not in names and name in names}
+    roles = {role: role for role in (*_UNITS_BY_ROLE, *_OPTIONAL_ROLES)}
+    chosen, set_name = ColumnRequest().choose_names(names)
+    if set_name not in AXES and {chosen.ra, chosen.dec} <= set(names):
+        roles |= {"ra": str(chosen.ra), "dec": str(chosen.dec)}
+        roles |= {role: name for role, name in _VIZIER_NAMES.items() if role not in names and name in names}
     return roles
 
 
@@ -322,11 +322,11 @@ def read_positions(
     for name in set(units or ()) - set(table_source.names):
         raise TableError(f"units: {missing_column(name, table_source)}")
     is_icrf = {"icrf", "iers", "defining"} <= set(table_source.names)
-    wrong = [str(role) for role in columns if role not in (*_COLUMNS, *_OPTIONAL)]
-    if wrong:
+    unknown_roles = [str(role) for role in columns if role not in (*_UNITS_BY_ROLE, *_OPTIONAL_ROLES)]
+    if unknown_roles:
         raise TableError(
-            f"columns: nothing of positions is called {', '.join(wrong)}; there are "
-            f"{', '.join((*_COLUMNS, *_OPTIONAL))}"
+            f"columns: nothing of positions is called {', '.join(unknown_roles)}; there are "
+            f"{', '.join((*_UNITS_BY_ROLE, *_OPTIONAL_ROLES))}"
         )
     if is_icrf and columns.get("name") not in table_source.names:  # what was said is meant for the other catalogue
         columns.pop("name", None)
@@ -334,36 +334,36 @@ def read_positions(
         sigma = positive("sigma", sigma)
     if is_icrf or set_name == "icrf":
         columns = {"name": designation} | columns
-    roles = {role: columns.get(role, name) for role, name in _known_names(table_source.names).items()}
+    roles = {role: columns.get(role, name) for role, name in _choose_column_names(table_source.names).items()}
     roles |= {"defining": "defining"} if is_icrf else {}
     if "name" not in columns:
         by_lower = {name.lower(): name for name in table_source.names}
-        roles["name"] = next((by_lower[name] for name in _NAMES if name in by_lower), "name")
+        roles["name"] = next((by_lower[name] for name in _IDENTIFIER_NAMES if name in by_lower), "name")
     has_errors = {roles["ra_error"], roles["dec_error"]} <= set(table_source.names)
     if sigma is not None and not has_errors:
         roles.pop("ra_error"), roles.pop("dec_error"), roles.pop("ra_dec_corr")
-    for role in (*_COLUMNS, *columns):
+    for role in (*_UNITS_BY_ROLE, *columns):
         if role in roles and roles[role] not in table_source.names:
             remark = "; or one error for all, sigma= (--columns sigma=)" if role.endswith("error") else ""
             raise TableError(missing_column(roles[role], table_source) + remark)
     roles = {role: name for role, name in roles.items() if name in table_source.names}
-    clause = None if where is None else RowSelection(where, table_source)
-    table = table_source.columns(tuple(dict.fromkeys([*roles.values(), *(clause.names if clause else ())])))
+    selection = None if where is None else RowSelection(where, table_source)
+    table = table_source.columns(tuple(dict.fromkeys([*roles.values(), *(selection.names if selection else ())])))
     rows: Any = 0
     selection_notes: list[str] = []
-    if clause:
-        table, rows, selection_notes = clause.of(table, 0)
-    numbers, bad, bare, filled = {}, {}, {}, np.zeros(1, bool)
+    if selection:
+        table, rows, selection_notes = selection.of(table, 0)
+    numbers, unusable, unitless, filled = {}, {}, {}, np.zeros(1, bool)
     for role, name in roles.items():
         if role in ("name", "defining"):
             continue
         values, missing = table[name]
         unit = unit_of(name, units or {}, table_source)
-        numbers[role] = sexagesimal_degrees(role, name, np.asarray(values), missing, str(unit or ""))
+        numbers[role] = parse_sexagesimal(role, name, np.asarray(values), missing, str(unit or ""))
         if numbers[role] is None:
-            factor = unit_factor(name, unit, _COLUMNS[role]) if role in _COLUMNS else 1.0
+            factor = unit_factor(name, unit, _UNITS_BY_ROLE[role]) if role in _UNITS_BY_ROLE else 1.0
             numbers[role] = as_floats(name, np.asarray(values))[0] * factor
-            bare |= {role: name} if role in _COLUMNS and unit is None else {}
+            unitless |= {role: name} if role in _UNITS_BY_ROLE and unit is None else {}
         lost = ~np.isfinite(numbers[role]) | (False if missing is None else np.asarray(missing))
         if role.endswith("error"):
             lost |= ~(numbers[role] > 0)
@@ -372,17 +372,17 @@ def read_positions(
         if role == "ra_dec_corr":
             lost |= ~(numbers[role] ** 2 < RHO2_LIMIT)
             lost &= ~filled
-        bad[f"{name} missing or not usable"] = lost
-    doubt_positions(numbers, {"ra", "dec"} & {*bare}, names=roles)
-    keep, notes = select_usable(bad, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
+        unusable[f"{name} missing or not usable"] = lost
+    check_degrees(numbers, {"ra", "dec"} & {*unitless}, names=roles)
+    keep, notes = select_usable(unusable, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
     # What a table lacks: errors, for which one is given then, and correlations.
     n = len(numbers["ra"])
     numbers = dict.fromkeys(("ra_error", "dec_error"), np.full(n, (sigma or 0.0) / MAS)) | numbers
     numbers = {"ra_dec_corr": np.zeros(n)} | numbers
     lon, lat = numbers["ra"][keep] * DEGREE, numbers["dec"][keep] * DEGREE
     errors = np.stack([numbers["ra_error"], numbers["dec_error"]])[:, keep]
-    of_errors = _notes_on_errors(table_source.label, bare, errors, sigma, np.count_nonzero(filled), has_errors)
-    notes = (*table_source.notes, *notes, *selection_notes, *of_errors)
+    error_notes = _notes_on_errors(table_source.label, unitless, errors, sigma, np.count_nonzero(filled), has_errors)
+    notes = (*table_source.notes, *notes, *selection_notes, *error_notes)
     names = None if "name" not in roles else np.asarray(table[roles["name"]][0])[keep]
     if names is not None and names.dtype.kind not in "iu":
         names = names.astype(str)
@@ -396,21 +396,21 @@ def read_positions(
     positions = Positions(lon, lat, errors * MAS, rho, name=names, frame=frame, notes=notes, defining=defining)
     if table_source.covariance is None:
         return positions
-    places = np.arange(len(table_source.covariance)).reshape(2, -1)
-    used = (places[:, rows] if clause else places)[:, keep].ravel()
-    return replace(positions, covariance=table_source.covariance[np.ix_(used, used)])
+    component_indices = np.arange(len(table_source.covariance)).reshape(2, -1)
+    kept_indices = (component_indices[:, rows] if selection else component_indices)[:, keep].ravel()
+    return replace(positions, covariance=table_source.covariance[np.ix_(kept_indices, kept_indices)])
 
 
-def _notes_on_errors(label, bare, errors, sigma, n_filled, has_errors):
+def _notes_on_errors(label, unitless, errors, sigma, n_filled, has_errors):
     """Notes on units that were assumed of columns, by role, on errors that were given, and on others [mas]."""
     label = Path(label).name  # pages and files do not say where a catalogue lies
     if sigma is not None:
-        which = f"of the {n_filled} sources that have none" if has_errors else "of every source"
-        yield f"{label}: {sigma:g} µas is the error {which} (as asked)"
+        affected_sources = f"of the {n_filled} sources that have none" if has_errors else "of every source"
+        yield f"{label}: {sigma:g} µas is the error {affected_sources} (as asked)"
     for unit in ("deg", "mas"):
-        if names := [name for role, name in bare.items() if _COLUMNS[role] == unit]:
+        if names := [name for role, name in unitless.items() if _UNITS_BY_ROLE[role] == unit]:
             yield f"{label}: no unit in the table, so taken in {unit}: {', '.join(map(printable, names))}"
     median = float(np.median(errors)) if errors.size else 1.0
-    if "ra_error" in bare and not _ERRORS[0] <= median <= _ERRORS[1]:
-        text = f"half of the errors are {'below' if median < 1 else 'above'} {median:.3g} mas"
-        yield CodedNote(f"warning: {label}: {text}: in which unit are they (units=, --units)?", DOUBT)
+    if "ra_error" in unitless and not _PLAUSIBLE_ERRORS[0] <= median <= _PLAUSIBLE_ERRORS[1]:
+        doubt = f"half of the errors are {'below' if median < 1 else 'above'} {median:.3g} mas"
+        yield CodedNote(f"warning: {label}: {doubt}: in which unit are they (units=, --units)?", DOUBT)

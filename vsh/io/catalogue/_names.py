@@ -89,7 +89,7 @@ _OTHER_AXES = {
     })
     for frame in AXES if frame != "icrs"
 }  # fmt: skip
-_SHARED = ("pmra_pmdec_corr", "name", "magnitude", "redshift", "redshift_error")
+_SHARED_ROLES = ("pmra_pmdec_corr", "name", "magnitude", "redshift", "redshift_error")
 #: Sets of names that are called by one; where none is asked for, the first that a table has.
 NAMED = {
     "gaia": GAIA,
@@ -148,33 +148,33 @@ USUAL_UNITS = dict.fromkeys((*_OTHER_AXES, "desi", "rubin"), "mas / yr") | {"cat
 #: What need not be there may also have Gaia's names, in a table that has others for the rest.
 NAMED = {
     known: replace(
-        names, **{role: tuple(dict.fromkeys((*getattr(names, role), *getattr(GAIA, role)))) for role in _SHARED}
+        names, **{role: tuple(dict.fromkeys((*getattr(names, role), *getattr(GAIA, role)))) for role in _SHARED_ROLES}
     )
     for known, names in NAMED.items()
 }
 
 #: A unit behind a name: RA (deg), RA(deg), pmra [mas/yr].
-_IN_BRACKETS = re.compile(r"(.*\S)\s*[\(\[]\s*([^()\[\]]+?)\s*[\)\]]\s*")
+_UNIT_IN_BRACKETS = re.compile(r"(.*\S)\s*[\(\[]\s*([^()\[\]]+?)\s*[\)\]]\s*")
 #: What stands there instead: an equinox, an epoch or a system.
 _EQUINOX = re.compile(r"[JB]?\d{4}(\.\d+)?|ICRS|FK[45]|ep=.*", re.IGNORECASE)
 #: The same with underscores: dist_kpc, pmra_mas_yr.
-_BEHIND = re.compile(r"(.+)_(deg|rad|kpc|mpc|pc|(?:mas|uas|arcsec)(?:_?p?e?r?_?yr))", re.IGNORECASE)
+_UNIT_BEHIND = re.compile(r"(.+)_(deg|rad|kpc|mpc|pc|(?:mas|uas|arcsec)(?:_?p?e?r?_?yr))", re.IGNORECASE)
 _CORRELATION = re.compile(
     r"^(?!.*corrected)(?=.*(corr?|rho|:|cov))((?=.*(pm|mu)_?ra)(?=.*(pm|mu)_?de)|.*(pm|mu)_?(corr?|rho|cov)"
     r"|.*(corr?|rho|cov)_?(pm|mu)|(corr?|rho)$)",
     re.IGNORECASE,
 )
 _OF_PARALLAX = re.compile("par|plx", re.IGNORECASE)
-_SPELLED = {"mpc": "Mpc", "kpc": "kpc", "pc": "pc", "deg": "deg", "rad": "rad"}
+_UNIT_SPELLINGS = {"mpc": "Mpc", "kpc": "kpc", "pc": "pc", "deg": "deg", "rad": "rad"}
 
 
 def name_and_unit(name: str) -> tuple[str, str | None]:
     """A name without the unit that stands in it, and the unit."""
-    if match := _IN_BRACKETS.fullmatch(name):
+    if match := _UNIT_IN_BRACKETS.fullmatch(name):
         return match[1].strip(), None if _EQUINOX.fullmatch(match[2]) else match[2]
-    if match := _BEHIND.fullmatch(name):
+    if match := _UNIT_BEHIND.fullmatch(name):
         unit = match[2].lower()
-        return match[1], _SPELLED.get(unit, re.sub(r"_?(per)?_?yr$", "/yr", unit))
+        return match[1], _UNIT_SPELLINGS.get(unit, re.sub(r"_?(per)?_?yr$", "/yr", unit))
     return name, None
 
 
@@ -192,26 +192,26 @@ class ColumnRequest(NamedTuple):
 
 @lru_cache
 def _choose_names(request, names):
-    index = _index(names)
+    names_by_form = _index_names(names)
     if request.asked is None:
-        return _resolve_names(request.columns, names, index), None
+        return _resolve_names(request.columns, names, names_by_form), None
     user_names = {role: getattr(request.columns, role) for role in request.asked}
-    best, best_count, best_columns = "gaia", -1, _resolve_names(request.columns, names, index)
+    best, best_count, best_columns = "gaia", -1, _resolve_names(request.columns, names, names_by_form)
     for set_name, column_set in NAMED.items():
-        resolved_columns = _resolve_names(replace(column_set, **user_names), names, index)
+        resolved_columns = _resolve_names(replace(column_set, **user_names), names, names_by_form)
         count = sum(getattr(resolved_columns, role) in names for role in REQUIRED)
         if {resolved_columns.ra, resolved_columns.dec} <= set(names) and count > best_count:
             best, best_count, best_columns = set_name, count, resolved_columns
-    plain = all(getattr(best_columns, role) == getattr(GAIA, role) for role in REQUIRED if role not in user_names)
-    return best_columns, None if plain else best
+    is_gaia = all(getattr(best_columns, role) == getattr(GAIA, role) for role in REQUIRED if role not in user_names)
+    return best_columns, None if is_gaia else best
 
 
-def _resolve_names(columns, names, index):
+def _resolve_names(columns, names, names_by_form):
     """Columns with one name a role: that of the table where it has one of those wanted, in pairs."""
     replacements: dict[str, Any] = {}
     for roles in _PAIRS:
         candidate_lists = [candidates_of(getattr(columns, role)) for role in roles]
-        present = [[_name_in_table(name, names, index) for name in candidates] for candidates in candidate_lists]
+        present = [[_find_name(name, names, names_by_form) for name in candidates] for candidates in candidate_lists]
         pairs = zip(*present, strict=True) if len(present[0]) == len(present[1]) else ()
         best_pair = next((pair for pair in pairs if all(pair)), None)
         best_pair = best_pair or tuple(next(filter(None, matches), None) for matches in present)
@@ -221,13 +221,13 @@ def _resolve_names(columns, names, index):
     for role in Columns.__dataclass_fields__:
         candidates = getattr(columns, role)
         if role not in REQUIRED and isinstance(candidates, tuple):
-            joined = [name for name in candidates if name not in _BY_CASE]
+            base_names = [name for name in candidates if name not in _CASE_SENSITIVE]
             # In joined tables those of the motions come first; flags may have the suffix of the positions.
             if any(of_motion):
-                candidates = (*(name.join(of_motion) for name in joined), *candidates)
+                candidates = (*(name.join(of_motion) for name in base_names), *candidates)
             if any(of_place) and role in ("solution", "quality"):
-                candidates = (*candidates, *(name.join(of_place) for name in joined))
-            name = next(filter(None, (_name_in_table(candidate, names, index) for candidate in candidates)), None)
+                candidates = (*candidates, *(name.join(of_place) for name in base_names))
+            name = next(filter(None, (_find_name(candidate, names, names_by_form) for candidate in candidates)), None)
             replacements[role] = (name, *candidates) if name else getattr(columns, role)
     redshifts = candidates_of(replacements.get("redshift", columns.redshift))
     if isinstance(columns.redshift_error, tuple) and not any(name in names for name in redshifts):
@@ -246,28 +246,28 @@ def candidates_of(names: Any) -> tuple[str, ...]:
     return (names,) if isinstance(names, str) else names or ()
 
 
-def _index(names):
+def _index_names(names):
     """Names as they are compared where no name is the same."""
-    index: dict[str, list[str]] = {}
+    names_by_form: dict[str, list[str]] = {}
     for name in names:
-        index.setdefault(_as_compared(name), []).append(name)
-    return index
+        names_by_form.setdefault(_normalize_name(name), []).append(name)
+    return names_by_form
 
 
-def _as_compared(name):
+def _normalize_name(name):
     """A name without its unit, case and what stands between words: PM RA (mas/yr), pm-ra and pmRA are one."""
     return re.sub(r"(?<=\w)[\s_.-]+(?=\w)", "", name_and_unit(name)[0].lower())
 
 
 #: Names that are found as they are written alone: Z is a coordinate or a metallicity, and E_Z an energy.
-_BY_CASE = ("z", "z_error", "e_z", "z_err", "zerr")
+_CASE_SENSITIVE = ("z", "z_error", "e_z", "z_err", "zerr")
 
 
-def _name_in_table(name, names, index):
+def _find_name(name, names, names_by_form):
     """The name as the table has it: as it is, or the only one that is compared alike; or None."""
     if name in names:
         return name
-    matches = [] if name in _BY_CASE else index.get(_as_compared(name), [])
+    matches = [] if name in _CASE_SENSITIVE else names_by_form.get(_normalize_name(name), [])
     return matches[0] if len(matches) == 1 else None
 
 
@@ -283,17 +283,17 @@ _LONGITUDE, _LATITUDE = re.compile("(?<![a-z])ra(?![dntw])|alpha|lon"), re.compi
 def guess_names(column_names: Mapping[str, str], names: Iterable[str]) -> dict[str, str]:
     """Guess, for a question, the columns of the roles that none is known for."""
     guesses = dict(column_names)
-    kinds = {name: _kind(name.lower()) for name in names}
+    kinds = {name: _classify_name(name.lower()) for name in names}
     for role in REQUIRED:
-        left = [name for name, kind in kinds.items() if kind == _kind(role) and name not in guesses.values()]
-        if role not in guesses and left:
+        unused = [name for name, kind in kinds.items() if kind == _classify_name(role) and name not in guesses.values()]
+        if role not in guesses and unused:
             like = guesses.get(role.removesuffix("_error") if role.endswith("error") else role.replace("dec", "ra"), "")
-            guesses[role] = max(left, key=lambda name: (SequenceMatcher(None, like, name).ratio(), -len(name)))
+            guesses[role] = max(unused, key=lambda name: (SequenceMatcher(None, like, name).ratio(), -len(name)))
     return {role: name for role, name in guesses.items() if role not in column_names}
 
 
-def _kind(name):
-    """Return whether a name is of a motion, of an error, and of a longitude; None where it is of neither axis."""
+def _classify_name(name):
+    """Whether a name is of a motion, of an error and of a longitude, three flags; None where no single axis is told."""
     axis = re.sub("^.*?(pm|mu)_?", "", name)
     is_longitude, is_latitude = (bool(pattern.search(axis)) for pattern in (_LONGITUDE, _LATITUDE))
     if is_longitude == is_latitude:
@@ -312,13 +312,13 @@ def derivable_columns(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     asymmetric_errors = {f"{base}_error": (f"{base}_em", f"{base}_ep") for base in bases if f"{base}_ep" in present}
     ellipse = next((candidate for candidate in _ELLIPSES if present.issuperset(candidate)), None)
     ellipse_columns = dict.fromkeys(("pmra_error", "pmdec_error", "pmra_pmdec_corr"), ellipse) if ellipse else {}
-    inverse = {f"{name}^-1/2": (name,) for name in names if name in ("PMRA_IVAR", "PMDEC_IVAR")}
-    made = asymmetric_errors | ellipse_columns | inverse
-    return {name: inputs for name, inputs in made.items() if name not in present}
+    inverse_variances = {f"{name}^-1/2": (name,) for name in names if name in ("PMRA_IVAR", "PMDEC_IVAR")}
+    derivable = asymmetric_errors | ellipse_columns | inverse_variances
+    return {name: inputs for name, inputs in derivable.items() if name not in present}
 
 
 def add_derived_columns(source: TableSource) -> TableSource:
-    """A table with the columns that others are made of: errors of two sides, error ellipses."""
+    """A table with the columns that can be made of its own: of errors of two sides, ellipses, inverse variances."""
     derived_columns = derivable_columns(source.names)
     if not derived_columns:
         return source
@@ -329,7 +329,7 @@ def add_derived_columns(source: TableSource) -> TableSource:
         if len(inputs) == 1:
             recipes[name] = inputs, lambda values: 1 / np.sqrt(values), _error_unit(unit)
             continue
-        recipes[name] = inputs, partial(_of_ellipse, name) if len(inputs) == 3 else _larger, unit
+        recipes[name] = inputs, partial(_convert_ellipse, name) if len(inputs) == 3 else _take_larger_error, unit
     if asymmetric_errors := [
         name
         for name, inputs in derived_columns.items()
@@ -348,8 +348,8 @@ def derive_columns(source: TableSource, made: Mapping[str, Any], notes: Iterable
         inputs = [name for column in names if column in made for name in made[column][0]]
         source_names = tuple(dict.fromkeys([name for name in names if name not in made] + inputs))
         for block in source.blocks(source_names or source.names[:1], rows):
-            count = len(next(iter(block.values()))[0])
-            yield {name: _apply_recipe(made[name], block, count) if name in made else block[name] for name in names}
+            n_rows = len(next(iter(block.values()))[0])
+            yield {name: _apply_recipe(made[name], block, n_rows) if name in made else block[name] for name in names}
 
     units = source.units | {name: unit for name, (_, _, unit) in made.items() if unit}
     names = (*source.names, *(name for name in made if name not in source.names))
@@ -377,11 +377,11 @@ def _error_unit(unit):
         return None
 
 
-def _larger(a, b):
+def _take_larger_error(a, b):
     return np.maximum(np.abs(a), np.abs(b))
 
 
-def _of_ellipse(name, a, b, angle):
+def _convert_ellipse(name, a, b, angle):
     """The error or correlation that an ellipse is; its major axis points `angle` degrees from north through east."""
     sin, cos = np.sin(np.radians(angle)), np.cos(np.radians(angle))
     east, north = np.hypot(a * sin, b * cos), np.hypot(a * cos, b * sin)

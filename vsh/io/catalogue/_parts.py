@@ -89,7 +89,7 @@ def parts(
         raise ParameterError("workers are processes of this machine, a scheduler has its own: give one of the two")
     if where is not None:
         Where(where)  # its mistakes before anything is read
-    read = Reader(request, units, on_bad, frame, whole("rows", rows), motions, sigma, where=where, format=format)
+    reader = Reader(request, units, on_bad, frame, whole("rows", rows), motions, sigma, where=where, format=format)
     pieces = _pieces(source, request, motions, format, where)
     files = [piece for piece in pieces if isinstance(piece, (Path, RemotePath))]
     paths = {str(file.resolve()) if isinstance(file, Path) else file.path for file in files}
@@ -97,9 +97,9 @@ def parts(
         raise ParameterError(f"{len(files) - len(paths)} of the parts are files that stand there twice")
     if len(files) > 1:
         first_table = open_table(files[0], format)
-        read = replace(read, like=(first_table.label, _layout(first_table, request)))
+        reader = replace(reader, like=(first_table.label, _layout(first_table, request)))
     records = {_name_of(file): _record_of(file) for file in files}
-    return Parts(pieces, replace(read, records=records), engine=_engine(pieces, workers, scheduler))
+    return Parts(pieces, replace(reader, records=records), engine=_choose_engine(pieces, workers, scheduler))
 
 
 @dataclass(frozen=True)
@@ -134,10 +134,10 @@ class Reader:
         notes: tuple[str, ...] = ()
         if not self.motions:
             piece, position_columns, notes = add_zero_motions(open_table(piece), columns, self.sigma)
-        reading = {name: getattr(self, name) for name in ("units", "on_bad", "frame", "where")}
-        reading |= {"columns": columns, "sigma": self.sigma} if self.motions else {"columns": position_columns}
-        for each in stream_fields(piece, self.rows, roles=roles, **reading):
-            yield each.add_note(*notes) if notes else each
+        options = {name: getattr(self, name) for name in ("units", "on_bad", "frame", "where")}
+        options |= {"columns": columns, "sigma": self.sigma} if self.motions else {"columns": position_columns}
+        for block_field in stream_fields(piece, self.rows, roles=roles, **options):
+            yield block_field.add_note(*notes) if notes else block_field
         if file is not None:
             self._check_unchanged(file)
 
@@ -164,19 +164,19 @@ def _layout_of(present, units, columns):
     column_units, present_set, derived = dict(units), set(present), derivable_columns(present)
     resolved_columns, _ = columns.choose_names((*present, *derived))
     column_names = [name for names in vars(resolved_columns).values() for name in candidates_of(names)]
-    column_names += [name for made in derived if made in column_names for name in derived[made]]
+    column_names += [name for derived_name in derived if derived_name in column_names for name in derived[derived_name]]
     return {name: column_units.get(name, "None") for name in column_names if name in present_set}
 
 
 def _check_same_columns(table, columns, label, layout):
     """Raise TableError unless a file has the columns of the first, and no others that a field would use."""
     check_alike(table, label, layout)
-    further = [name for name in _layout(table, columns) if name not in layout]
-    if further:
-        raise TableError(f"{label} has no column {', '.join(further)}, which {table.label} has")
+    unshared = [name for name in _layout(table, columns) if name not in layout]
+    if unshared:
+        raise TableError(f"{label} has no column {', '.join(unshared)}, which {table.label} has")
 
 
-def _engine(pieces, workers, scheduler) -> Engine:
+def _choose_engine(pieces, workers, scheduler) -> Engine:
     if scheduler is not None:
         return Dask(str(scheduler))
     if any(map(is_delayed, pieces)):
@@ -195,7 +195,7 @@ def _pieces(source, columns, motions, format, condition):
     if isinstance(source, Parts):
         raise ParameterError("this is a catalogue in parts already")
     if hasattr(type(source), "to_delayed"):
-        return tuple(_partitions(source, columns, motions, condition))
+        return tuple(_select_partitions(source, columns, motions, condition))
     if isinstance(source, list | tuple) and source:
         return tuple(
             piece
@@ -232,7 +232,7 @@ def _has_parts(source):
     return isinstance(source, (str, os.PathLike)) or is_address(source) or hasattr(type(source), "to_delayed")
 
 
-def _partitions(collection, columns, motions, condition):
+def _select_partitions(collection, columns, motions, condition):
     """The partitions of a collection with the columns that a field can use, so that nothing else is read."""
     names = tuple(map(str, getattr(collection, "columns", ())))
     if not names:

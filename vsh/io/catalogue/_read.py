@@ -20,17 +20,17 @@ from vsh.io.catalogue._columns import (
     RowSelection,
     as_columns,
     as_doubles,
+    check_degrees,
     conversion_factors,
+    convert_identifiers,
     convert_modulus,
-    doubt_positions,
-    identifiers,
     locate_columns,
     notes_on_units,
     nothing_selected,
-    sexagesimal_degrees,
+    parse_sexagesimal,
     size_warnings,
 )
-from vsh.io.catalogue._frames import frames_of, one_redshift_frame, redshift_frame_of, turn_positions
+from vsh.io.catalogue._frames import frames_of, read_redshift_frame, redshift_frame_of, turn_positions
 from vsh.io.catalogue._names import USUAL_UNITS, Columns, add_derived_columns, derive_columns
 from vsh.io.columns import ASSUMED, REQUIRED, missing_column, parse_unit
 from vsh.io.maps import read_density
@@ -133,8 +133,8 @@ def read_field(
     if has_epochs(opened.names):
         field = _solve_epochs(opened, columns, on_bad, where, {"units": units, "frame": frame, "sigma": sigma})
     else:
-        make = _FieldMaker(opened, columns, units, on_bad, frame, roles, where, sigma)
-        field = make(make.source.columns(make.names))
+        maker = _FieldMaker(opened, columns, units, on_bad, frame, roles, where, sigma)
+        field = maker(maker.source.columns(maker.names))
     log_result(_LOG, f"read {opened.label}", field, begin)
     return field
 
@@ -148,17 +148,17 @@ def _solve_epochs(opened, columns, on_bad, where, others):
     """The field that epoch astrometry gives, where a table has epochs in place of motions."""
     from vsh.io.epochs import read_epochs
 
-    given = [name for name, value in others.items() if value is not None]
-    if given or not (columns is None or isinstance(columns, Mapping)):
-        what = ", ".join(given) or "names of columns other than single ones"
-        raise TableError(f"{opened.label} holds epoch astrometry, whose units and axes are Gaia's: leave out {what}")
+    refused_options = [name for name, value in others.items() if value is not None]
+    if refused_options or not (columns is None or isinstance(columns, Mapping)):
+        refused = ", ".join(refused_options) or "names of columns other than single ones"
+        raise TableError(f"{opened.label} holds epoch astrometry, whose units and axes are Gaia's: leave out {refused}")
     if not {"ra0", "dec0"} <= {*opened.names, *(columns or ())}:
         raise TableError(
             f"{opened.label} holds epoch astrometry without positions. Solve it for motions first, with a table of "
             "source_id, ra and dec: vsh.io.epochs.read_epochs(epochs, positions=…).write('motions.fits')"
         )
-    solved = f"{opened.label}: epoch astrometry, solved for the motion of each source (vsh.io.epochs.read_epochs)"
-    return read_epochs(opened, on_bad=on_bad, columns=columns, where=where).add_note(solved)
+    remark = f"{opened.label}: epoch astrometry, solved for the motion of each source (vsh.io.epochs.read_epochs)"
+    return read_epochs(opened, on_bad=on_bad, columns=columns, where=where).add_note(remark)
 
 
 def read_columns(source: Any, names: Iterable[str], **reading: Any) -> dict[str, FloatArray]:
@@ -186,8 +186,8 @@ def read_columns(source: Any, names: Iterable[str], **reading: Any) -> dict[str,
         If one holds no numbers, or `read_field` would raise it.
     """
     names = list(names)
-    make = _maker_of_columns(source, names, reading)
-    _, values = _field_and_columns(make, make.source.columns(make.names), names, 0)
+    maker = _make_column_maker(source, names, reading)
+    _, values = _read_field_and_columns(maker, maker.source.columns(maker.names), names, 0)
     return values
 
 
@@ -196,17 +196,17 @@ def stream_columns(
 ) -> Iterator[tuple[Field, dict[str, FloatArray]]]:
     """A catalogue larger than memory: fields of at most `rows` sources, and numbers of any columns beside them."""
     names, first_row = list(names), 0
-    make = _maker_of_columns(source, names, reading)
-    for block in make.source.blocks(make.names, whole("rows", rows)):
+    maker = _make_column_maker(source, names, reading)
+    for block in maker.source.blocks(maker.names, whole("rows", rows)):
         try:
-            yield _field_and_columns(make, block, names, first_row)
+            yield _read_field_and_columns(maker, block, names, first_row)
         except EmptyFieldError as error:
-            if make.on_bad == "raise" and not isinstance(error, EmptySelectionError):
+            if maker.on_bad == "raise" and not isinstance(error, EmptySelectionError):
                 raise
         first_row += len(next(iter(block.values()))[0])
 
 
-def _maker_of_columns(source, names, reading):
+def _make_column_maker(source, names, reading):
     """Maker of fields of a table with further columns."""
     options = {"columns": None, "units": None, "on_bad": "raise", "frame": None, "where": None, "sigma": None} | reading
     table = tables.open_table(source, options.pop("format", None))
@@ -214,18 +214,18 @@ def _maker_of_columns(source, names, reading):
         if name not in table.names:
             raise TableError(f"{table.label}: {missing_column(name, table)}")
     table, options["columns"], _ = add_zero_motions(table, options["columns"])  # columns need no motions beside them
-    make = _FieldMaker(table, **options, roles=())
-    make.names = tuple(dict.fromkeys((*make.names, *names)))
-    make.column_of["name"] = _ROW  # names are carried along by whatever leaves rows out
-    return make
+    maker = _FieldMaker(table, **options, roles=())
+    maker.names = tuple(dict.fromkeys((*maker.names, *names)))
+    maker.column_of["name"] = _ROW  # names are carried along by whatever leaves rows out
+    return maker
 
 
-def _field_and_columns(make, block, names, first_row):
+def _read_field_and_columns(maker, block, names, first_row):
     """The field of a block, and numbers of columns at its rows."""
     block = dict(block)
     values = {name: np.ma.filled(as_doubles(name, *block[name]), np.nan) for name in names}
     block[_ROW] = np.arange(len(next(iter(block.values()))[0])), None
-    field = make(block, first_row)
+    field = maker(block, first_row)
     indices = np.asarray(field.name, int)
     return field, {name: array[indices] for name, array in values.items()}
 
@@ -245,31 +245,31 @@ def stream_fields(
 ) -> Iterator[Field]:
     """A catalogue larger than memory, as fields of at most `rows` sources; options as for `read_field`."""
     rows = whole("rows", rows)
-    make = _FieldMaker(tables.open_table(source, format), columns, units, on_bad, frame, roles, where, sigma)
-    return _fields(make, rows)
+    maker = _FieldMaker(tables.open_table(source, format), columns, units, on_bad, frame, roles, where, sigma)
+    return _yield_fields(maker, rows)
 
 
-def _fields(make, rows):
+def _yield_fields(maker, rows):
     """Fields block by block; the rows of a block without any usable one are counted by a neighbour."""
     first_row, pending_field = 0, None
     lost: tuple[str, ...] = ()
-    for block in make.source.blocks(make.names, rows):
+    for block in maker.source.blocks(maker.names, rows):
         try:
-            field = make(block, first_row)
+            field = maker(block, first_row)
         except EmptyFieldError as error:
-            if make.on_bad == "raise" and not isinstance(error, EmptySelectionError):
+            if maker.on_bad == "raise" and not isinstance(error, EmptySelectionError):
                 raise
             lost, last_error = merge_notes(lost, error.notes), error
         else:
             if pending_field is not None:
                 yield pending_field
-            if make.on_bad == "drop" and not any(isinstance(note, DroppedRows) for note in field.notes):
+            if maker.on_bad == "drop" and not any(isinstance(note, DroppedRows) for note in field.notes):
                 # Totals count all rows.
                 field = field.add_note(DroppedRows.of_table({}, len(field), field.lon, field.lat))
             pending_field, lost = field.add_note(*lost), ()
         first_row += len(next(iter(block.values()))[0])
     if pending_field is None:
-        raise nothing_selected(lost) if make.chosen and not count_dropped(lost) else last_error
+        raise nothing_selected(lost) if maker.selection and not count_dropped(lost) else last_error
     yield pending_field.add_note(*lost)
 
 
@@ -286,95 +286,95 @@ class _FieldMaker:
             self.source = derive_columns(self.source, {name: ((), lambda: size, "uas / yr") for name in names.values()})
             assumed_errors = [CodedNote(f"errors of {size:g} µas/yr for every source (as asked)", ASSUMED_MOTIONS)]
         column_names, notes = locate_columns(as_columns(columns), self.source)
-        self.chosen = None if where is None else RowSelection(where, self.source, column_names)
+        self.selection = None if where is None else RowSelection(where, self.source, column_names)
         self.column_of = {role: name for role, name in column_names.items() if role not in OPTIONAL or role in roles}
         self.frames = frames_of(self.column_of, frame, self.source)
         self.frame = self.frames.frame
         self.redshift_frame = redshift_frame_of(self.column_of, self.source)
         if "redshift" in self.column_of and self.redshift_frame is None and REDSHIFT_FRAME_COLUMN in self.source.names:
             self.column_of[REDSHIFT_FRAME_COLUMN] = REDSHIFT_FRAME_COLUMN
-        _, family = as_columns(columns).choose_names(self.source.names)
+        _, set_name = as_columns(columns).choose_names(self.source.names)
         self.factors, assumed_units = conversion_factors(
-            self.column_of, units, self.source, USUAL_UNITS.get(family or "")
+            self.column_of, units, self.source, USUAL_UNITS.get(set_name or "")
         )
         if (self.factors.get("distance") == MODULUS) != (self.factors.get("distance_error") == MODULUS):
             raise TableError("a distance modulus and its error are both in mag: say so of both columns (--units)")
         # What marks missing values does so in the table's own units; in Gaia's the field looks for it.
-        self.stated = self.source.units | {self.column_of.get(name, name): unit for name, unit in (units or {}).items()}
-        self.other_units = any(self.factors[role] != 1 for role in REQUIRED[2:])
-        self.assumed = any(self.column_of["ra"] in names for names in assumed_units.values())
+        self.units = self.source.units | {self.column_of.get(name, name): unit for name, unit in (units or {}).items()}
+        self.has_other_units = any(self.factors[role] != 1 for role in REQUIRED[2:])
+        self.is_position_unit_assumed = any(self.column_of["ra"] in names for names in assumed_units.values())
         #: What stands in place of a motion, where it is a number.
         motion = self.column_of["pmra"]
         is_number = motion.startswith(f"{ASSUMED}pm") and motion == self.column_of["pmdec"]
-        self.value = motion.removeprefix(f"{ASSUMED}pm") if is_number else None
-        stated = (self.source.units.get(name) for name in self.column_of.values() if not name.startswith(ASSUMED))
-        bare = self.value is None and not any(stated)
+        self.scalar_name = motion.removeprefix(f"{ASSUMED}pm") if is_number else None
+        column_units = (self.source.units.get(name) for name in self.column_of.values() if not name.startswith(ASSUMED))
+        has_no_units = self.scalar_name is None and not any(column_units)
         # What is assumed of motions decides on the result; of positions alone, where other columns have units, less.
-        deciding = {self.column_of[role] for role in (self.column_of if bare else REQUIRED[2:])}
-        lines: list[str] = []
+        decisive = {self.column_of[role] for role in (self.column_of if has_no_units else REQUIRED[2:])}
+        column_notes: list[str] = []
         for unit, names in assumed_units.items():
-            code = "" if deciding.isdisjoint(names) else ASSUMED_UNITS
-            lines.append(CodedNote(f"no unit in the table, so taken in {unit}: {', '.join(names)}", code))
-        self.assumes_motions = any(
+            code = "" if decisive.isdisjoint(names) else ASSUMED_UNITS
+            column_notes.append(CodedNote(f"no unit in the table, so taken in {unit}: {', '.join(names)}", code))
+        self.is_motion_unit_assumed = any(
             not {*names}.isdisjoint(map(self.column_of.get, _MOTIONS)) for names in assumed_units.values()
         )
-        lines += notes_on_units(self.column_of, self.factors)
-        if (errors := self.column_of.get("redshift_error", "redshift_error")) != "redshift_error":
-            lines.append(f"errors of the redshifts are in column {printable(errors)}")
-        lines += _note_on_redshifts(column_names, self.source) if "redshift" in roles else []
-        self.notes = [*self.source.notes, *lines, *assumed_errors, *notes, *self.frames.notes]
+        column_notes += notes_on_units(self.column_of, self.factors)
+        if (error_column := self.column_of.get("redshift_error", "redshift_error")) != "redshift_error":
+            column_notes.append(f"errors of the redshifts are in column {printable(error_column)}")
+        column_notes += _note_on_redshifts(column_names, self.source) if "redshift" in roles else []
+        self.notes = [*self.source.notes, *column_notes, *assumed_errors, *notes, *self.frames.notes]
         self.on_bad = on_bad
-        self.names = tuple(dict.fromkeys([*self.column_of.values(), *(self.chosen.names if self.chosen else ())]))
+        self.names = tuple(dict.fromkeys([*self.column_of.values(), *(self.selection.names if self.selection else ())]))
 
     def __call__(self, block, first_row=0):
-        columns, raw, notes, redshift_frame = {}, {}, list(self.notes), self.redshift_frame
+        columns, raw_columns, notes, redshift_frame = {}, {}, list(self.notes), self.redshift_frame
         aside: dict[str, Any] = {}
-        if self.chosen:
-            block, first_row, note = self.chosen.of(block, first_row)
-            notes += note
+        if self.selection:
+            block, first_row, row_notes = self.selection.of(block, first_row)
+            notes += row_notes
         for role, name in self.column_of.items():
             values, mask = block[name]
             if role == "solution":
-                aside |= _other_solutions(name, values, mask)
+                aside |= _find_other_solutions(name, values, mask)
             elif role == "quality":
-                aside |= _flagged_rows(name, values, mask)
+                aside |= _find_flagged_rows(name, values, mask)
             elif role == REDSHIFT_FRAME_COLUMN:
-                redshift_frame = one_redshift_frame(values, self.source)
+                redshift_frame = read_redshift_frame(values, self.source)
             elif role == "name":
-                columns[role], name_notes = identifiers(printable(name), np.asarray(values), mask)
+                columns[role], name_notes = convert_identifiers(printable(name), np.asarray(values), mask)
                 notes += name_notes
             else:
-                degrees = sexagesimal_degrees(role, name, values, mask, str(self.stated.get(name) or ""))
+                degrees = parse_sexagesimal(role, name, values, mask, str(self.units.get(name) or ""))
                 columns[role] = as_doubles(name, values if degrees is None else degrees, mask, first_row)
                 if role in _ERRORS and columns[role].size:
                     _check_positive(name, columns[role])
-                if self.other_units and role in REQUIRED[2:]:
-                    raw[role] = np.ma.filled(np.ma.asarray(columns[role], float), np.nan)
+                if self.has_other_units and role in REQUIRED[2:]:
+                    raw_columns[role] = np.ma.filled(np.ma.asarray(columns[role], float), np.nan)
                 if degrees is None and self.factors.get(role, 1.0) not in (1.0, MODULUS):
                     columns[role] = columns[role] * self.factors[role]
         if self.factors.get("distance") == MODULUS:
             notes += convert_modulus(columns)
-        if self.value is not None and not (finite := np.isfinite(columns["pmra"])).all():
-            columns["unusable"] = {f"{self.value} not finite": ~np.ma.filled(finite, True)}
+        if self.scalar_name is not None and not (finite := np.isfinite(columns["pmra"])).all():
+            columns["unusable"] = {f"{self.scalar_name} not finite": ~np.ma.filled(finite, True)}
         if not any(self.column_of[role].startswith(ASSUMED) for role in _MOTIONS):
             aside |= zero_motion_rows(*(columns[role] for role in _MOTIONS))
-        doubt_positions(columns, self.assumed, names=self.column_of)
+        check_degrees(columns, self.is_position_unit_assumed, names=self.column_of)
         if self.frames.positions != self.frame:
             turn_positions(columns, self.frames)
-        flat = all(values.ndim == 1 for values in raw.values())  # others are refused below
-        if raw and flat and (is_placeholder := find_placeholder_rows(raw)).any():
+        is_flat = all(values.ndim == 1 for values in raw_columns.values())  # others are refused below
+        if raw_columns and is_flat and (is_placeholder := find_placeholder_rows(raw_columns)).any():
             columns["unusable"] = columns.get("unusable", {}) | {PLACEHOLDER: is_placeholder}
         with np.errstate(invalid="ignore", over="ignore"):
             field = Field.from_columns(
                 **columns,
-                aside=_reasons_to_drop(self.column_of, block, aside, self.value or "proper motion"),
+                aside=_collect_drop_reasons(self.column_of, block, aside, self.scalar_name or "proper motion"),
                 frame=self.frame,
                 redshift_frame=redshift_frame,
                 on_bad=self.on_bad,
                 notes=notes,
                 first_row=first_row,
             )
-        doubts = [] if self.value else size_warnings(field, is_assumed=self.assumes_motions)
+        doubts = [] if self.scalar_name else size_warnings(field, is_assumed=self.is_motion_unit_assumed)
         for warning in (*notes, *doubts, *(note for note in field.notes if has_code(note, NO_REDSHIFTS))):
             if has_code(warning, DOUBT, NO_REDSHIFTS, UNUSED_CORRELATIONS):
                 warn(warning, VshWarning, stacklevel=3)
@@ -392,12 +392,12 @@ def _check_positive(name, errors):
             )
 
 
-def _reasons_to_drop(column_names, block, aside, measured):
+def _collect_drop_reasons(column_names, block, aside, motion_label):
     """Reasons to leave rows out that are no mistake: other models, and positions or motions that are marked missing.
 
     What is missing in a source is missing as a whole: a row with one component of a motion is a mistake.
     """
-    for quantity, roles in (("position", REQUIRED[:2]), (measured, REQUIRED[2:4])):
+    for quantity, roles in (("position", REQUIRED[:2]), (motion_label, REQUIRED[2:4])):
         masks = [np.asarray(block[column_names[role]][1]) for role in roles if block[column_names[role]][1] is not None]
         if len(masks) < 2 or any(mask.ndim != 1 for mask in masks):
             continue
@@ -409,10 +409,10 @@ def _reasons_to_drop(column_names, block, aside, measured):
     return aside
 
 
-def _other_solutions(name, values, mask):
+def _find_other_solutions(name, values, mask):
     """Rows whose astrometric model is not one for quasars and galaxies, by its number."""
-    values, known = _numbers_of(name, values, mask, "solution")
-    is_other = ~np.isin(values, list(DR4.accepted)) & known  # where it is null, the motions say what they are
+    values, is_known = _read_flag_numbers(name, values, mask, "solution")
+    is_other = ~np.isin(values, list(DR4.accepted)) & is_known  # where it is null, the motions say what they are
     return {
         f"{printable(name)} = {value:g} ({'position alone' if value == 3 else 'not of 5 or 6 parameters'})": values
         == value
@@ -420,48 +420,48 @@ def _other_solutions(name, values, mask):
     }
 
 
-def _flagged_rows(name, values, mask):
+def _find_flagged_rows(name, values, mask):
     """Rows whose flag of quality is not zero; where it is null, nothing speaks against a source."""
-    values, known = _numbers_of(name, values, mask, "quality")
-    is_flagged = (values != 0) & known
+    values, is_known = _read_flag_numbers(name, values, mask, "quality")
+    is_flagged = (values != 0) & is_known
     reason = f"{printable(name)} is not 0 (columns={{'quality': None}}, --columns quality=, uses these)"
     return {reason: is_flagged} if is_flagged.any() else {}
 
 
 #: How tables write flags as text.
-_FLAGS = {"true": 1.0, "t": 1.0, "yes": 1.0, "false": 0.0, "f": 0.0, "no": 0.0} | dict.fromkeys(
+_FLAG_WORDS = {"true": 1.0, "t": 1.0, "yes": 1.0, "false": 0.0, "f": 0.0, "no": 0.0} | dict.fromkeys(
     ("", "none", "null", "<na>"), np.nan
 )
 
 
-def _numbers_of(name, values, mask, role):
+def _read_flag_numbers(name, values, mask, role):
     """The numbers of a model or flag, which joined tables hold as floats or as text, and where they are known."""
     if values.dtype.kind in "OSU":
         present = values if mask is None else np.where(mask, "", values)
-        texts = [item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item) for item in present]
-        words, places = np.unique([text.strip().lower() for text in texts], return_inverse=True)
+        texts = [entry.decode("utf-8", "replace") if isinstance(entry, bytes) else str(entry) for entry in present]
+        words, word_indices = np.unique([text.strip().lower() for text in texts], return_inverse=True)
         numbers = []
         try:
             for word in words:
-                numbers.append(_FLAGS[word] if word in _FLAGS else float(word))
+                numbers.append(_FLAG_WORDS[word] if word in _FLAG_WORDS else float(word))
         except ValueError:
             remedy = f"columns={{{role!r}: None}} (--columns {role}=)"
             raise TableError(
                 f"column {printable(name)!r} holds text, such as {printable(words[len(numbers)])!r}, where numbers say "
                 f"which rows can be used: {remedy} uses all rows"
             ) from None
-        values = np.array(numbers)[places] if len(places) else np.zeros(0)
+        values = np.array(numbers)[word_indices] if len(word_indices) else np.zeros(0)
     elif values.dtype.kind not in ("iuf" if role == "solution" else "iufb"):
         raise TableError(f"column {printable(name)!r} holds {values.dtype.name}, not numbers")
-    known = np.ones(len(values), bool) if mask is None else ~np.asarray(mask)
-    return values, known & (values == values)
+    is_known = np.ones(len(values), bool) if mask is None else ~np.asarray(mask)
+    return values, is_known & (values == values)
 
 
 def _note_on_redshifts(column_names, source):
     """A note on columns whose name holds "redshift" and that are not read, where a table has no other redshift."""
     if "redshift" in column_names:
         return []
-    candidates = [name for name in source.names if "redshift" in name.lower() and not _OF_ERRORS.search(name)]
+    candidates = [name for name in source.names if "redshift" in name.lower() and not _ERROR_NAME.search(name)]
     if not candidates:
         return []
     listing = ", ".join(map(printable, candidates[:3]))
@@ -469,7 +469,7 @@ def _note_on_redshifts(column_names, source):
 
 
 #: Words by which a name is that of an error, a flag or a limit.
-_OF_ERRORS = re.compile(r"err|sig|unc|flag|warn|_[elu]$|^e_|low|upp|_l\d|_u\d", re.IGNORECASE)
+_ERROR_NAME = re.compile(r"err|sig|unc|flag|warn|_[elu]$|^e_|low|upp|_l\d|_u\d", re.IGNORECASE)
 
 
 _MOTIONS = ("pmra", "pmdec")
@@ -514,22 +514,22 @@ def add_zero_motions(
     absent = {role for role in (*_MOTIONS, *_ERRORS) if getattr(resolved_columns, role) not in table.names}
     recipes: dict[str, Any] = {}
     notes: tuple[str, ...] = ()
-    one_alone = len(absent & set(_MOTIONS)) == 1  # a mistake, not a table without them
-    if not one_alone and (absent >= set(_MOTIONS) or sigma is not None):  # rows are kept whose motion is missing
+    is_one_missing = len(absent & set(_MOTIONS)) == 1  # a mistake, not a table without them
+    if not is_one_missing and (absent >= set(_MOTIONS) or sigma is not None):  # rows are kept whose motion is missing
         recipes |= {role: ((), lambda: 0.0, "uas / yr") for role in _MOTIONS}
-    of_positions = {f"pm{name}": name for name in ("ra_error", "dec_error")}
-    if sigma is None and absent == {*_MOTIONS, *_ERRORS} and set(of_positions.values()) <= set(table.names):
-        for role, name in of_positions.items():
+    position_errors = {f"pm{name}": name for name in ("ra_error", "dec_error")}
+    if sigma is None and absent == {*_MOTIONS, *_ERRORS} and set(position_errors.values()) <= set(table.names):
+        for role, name in position_errors.items():
             unit = str(table.units.get(name) or "mas")
             recipes[role] = (name,), lambda values: values, f"{unit} / yr"
         if "ra_dec_corr" in table.names:
             recipes["pmra_pmdec_corr"] = ("ra_dec_corr",), lambda values: values, None
         notes = ("errors of positions weigh the sources: ra_error, dec_error as errors of motions per year",)
     elif sigma is not None or absent >= set(_ERRORS):
-        size = 1000.0 if sigma is None else positive("sigma", sigma)
-        recipes |= {role: ((), lambda: size, "uas / yr") for role in _ERRORS}
+        error_size = 1000.0 if sigma is None else positive("sigma", sigma)
+        recipes |= {role: ((), lambda: error_size, "uas / yr") for role in _ERRORS}
         reason = "as asked" if sigma is not None else "no errors in the table: all sources weigh the same"
-        notes = (CodedNote(f"errors of {size:g} µas/yr for every source ({reason})", ASSUMED_MOTIONS),)
+        notes = (CodedNote(f"errors of {error_size:g} µas/yr for every source ({reason})", ASSUMED_MOTIONS),)
     if not recipes:
         return table, resolved_columns, ()
     names = {role: f"{ASSUMED}{role}" for role in recipes}
@@ -610,59 +610,59 @@ def read_scalars(
     formula = tables.Where(f"column({value!r})" if value in table.names else value)
     if not formula.names:
         raise TableError(f"{value!r} names no column")
-    first = formula.names[0]  # a join adds a suffix to either: parallax_1, parallax_error_1
-    joined = re.sub(r"(_[^_]+)$", r"_error\1", first)
-    error = error or (joined if joined != first and joined in table.names else f"{first}_error")
+    main = formula.names[0]  # a join adds a suffix to either: parallax_1, parallax_error_1
+    joined_error = re.sub(r"(_[^_]+)$", r"_error\1", main)
+    error = error or (joined_error if joined_error != main and joined_error in table.names else f"{main}_error")
     for name in (*formula.names, error):
         if name not in table.names:
             raise TableError(missing_column(name, table))
     used = tuple(dict.fromkeys((*formula.names, error)))
-    stated, notes = {name: str((units or {}).get(name) or table.units.get(name) or "") for name in used}, []
-    own = stated[used[0]] or ("mas" if used[0] == "parallax" else "")  # in which constants of the formula are, too
-    if own and (bare := [name for name in used if not stated[name]]):
-        notes = [f"no unit in the table, so taken in {own}: {', '.join(map(printable, bare))}"]
-    target = parse_unit(unit or ("uas" if parse_unit(own) == parse_unit("mas") else own))
+    unit_of, notes = {name: str((units or {}).get(name) or table.units.get(name) or "") for name in used}, []
+    base = unit_of[used[0]] or ("mas" if used[0] == "parallax" else "")  # in which constants of the formula are, too
+    if base and (unitless := [name for name in used if not unit_of[name]]):
+        notes = [f"no unit in the table, so taken in {base}: {', '.join(map(printable, unitless))}"]
+    target = parse_unit(unit or ("uas" if parse_unit(base) == parse_unit("mas") else base))
     try:
-        factors = {name: parse_unit(stated[name] or own).to(parse_unit(own)) for name in used}
-        scale = parse_unit(own).to(target)
+        factors = {name: parse_unit(unit_of[name] or base).to(parse_unit(base)) for name in used}
+        scale = parse_unit(base).to(target)
     except ValueError as wrong:  # astropy's UnitConversionError is one
         raise TableError(f"the units of {', '.join(map(printable, used))} do not go together: {wrong}") from None
 
     def number_of(name, column):
         """A column in the unit of the first, without what marks a missing value in its own."""
         is_mark = find_placeholder_rows({"pmra": column, "pmdec": column}) & (factors[name] * scale != 1)
-        if name == first and target == parse_unit("uas"):  # other numbers may be zero
+        if name == main and target == parse_unit("uas"):  # other numbers may be zero
             is_mark = np.logical_or.reduce([is_mark, *zero_motion_rows(column, column).values()])
         return np.where(is_mark, np.nan, column) * factors[name]
 
-    def values(*columns):
+    def compute_values(*columns):
         numbers = {name: number_of(name, column) for name, column in zip(formula.names, columns, strict=True)}
-        one, two, three = (formula.numbers({name: (k * n, None) for name, n in numbers.items()}) for k in (1, 2, 3))
-        step = np.nan_to_num(two - one)
-        if own and np.nan_to_num(one).any() and not (step.any() and np.allclose(np.nan_to_num(three - two), step)):
-            raise TableError(f"{printable(value)} is not in {own}, as {printable(first)} is: add and subtract columns")
-        return scale * one
+        once, twice, thrice = (formula.numbers({name: (k * n, None) for name, n in numbers.items()}) for k in (1, 2, 3))
+        step = np.nan_to_num(twice - once)
+        if base and np.nan_to_num(once).any() and not (step.any() and np.allclose(np.nan_to_num(thrice - twice), step)):
+            raise TableError(f"{printable(value)} is not in {base}, as {printable(main)} is: add and subtract columns")
+        return scale * once
 
     # The numbers stand for both components of a motion: what is checked of a catalogue's rows is checked of these.
     names = {"value": f"{ASSUMED}pm{value}", "error": f"{ASSUMED}pm{error}"}
-    made = {
-        names["value"]: (formula.names, values, "uas / yr"),
+    recipes = {
+        names["value"]: (formula.names, compute_values, "uas / yr"),
         names["error"]: ((error,), lambda column: scale * number_of(error, column), "uas / yr"),
     }
     roles = {role: names["error" if role in _ERRORS else "value"] for role in (*_MOTIONS, *_ERRORS)}
-    chosen = replace(as_columns(columns).choose_names(table.names)[0], **roles, pmra_pmdec_corr=None)
+    choice = replace(as_columns(columns).choose_names(table.names)[0], **roles, pmra_pmdec_corr=None)
     if frame is None:  # a field that was written has the names of its own axes
         frame = next(
-            (key for key, names in AXES.items() if (chosen.ra, chosen.dec) == names[:2] != ("ra", "dec")), None
+            (key for key, names in AXES.items() if (choice.ra, choice.dec) == names[:2] != ("ra", "dec")), None
         )
     field = read_field(
-        derive_columns(table, made), chosen, units, on_bad=on_bad, frame=frame, where=where, roles=("name",)
+        derive_columns(table, recipes), choice, units, on_bad=on_bad, frame=frame, where=where, roles=("name",)
     )
     unit = "µas" if target == parse_unit("uas") else target.to_string()
     numbers = field.motion[0], field.sigma[0]
-    is_parallax = unit == "µas" or ("parallax" in first.lower() and target.is_equivalent(parse_unit("uas")))
+    is_parallax = unit == "µas" or ("parallax" in main.lower() and target.is_equivalent(parse_unit("uas")))
     if is_parallax and len(field):
-        value_size, error_size = (target.to(parse_unit("uas")) * float(np.median(np.abs(each))) for each in numbers)
+        value_size, error_size = (target.to(parse_unit("uas")) * float(np.median(np.abs(part))) for part in numbers)
         largest = max(value_size, error_size)
         doubt = f"values, or of their errors, are above {largest:.3g}" if largest > _LARGE_PARALLAX else ""
         if doubt := doubt or (f"errors are below {error_size:.3g}" if error_size < _SMALL_ERROR else ""):

@@ -81,13 +81,13 @@ def test_answer_that_was_cut_off(tap, tmp_path, monkeypatch):
         ask(url, tmp_path / "sky.fits", max_rows=400)
     assert service.submitted()[0]["MAXREC"] == "400"
     assert not (tmp_path / "sky.fits").exists()
-    monkeypatch.setattr("vsh.io.archive._tap._LIMITS", (400,))
+    monkeypatch.setattr("vsh.io.archive._tap._ROW_LIMITS", (400,))
     with pytest.raises(ArchiveError, match="cut off at 400 rows"):
         ask(url, tmp_path / "sky.fits")
     service.table = VOTABLE.format(value="OVERFLOW", text="more than 400 rows").encode()
     with pytest.raises(ArchiveError, match="sent no FITS table: more than 400 rows"):
         ask(url, tmp_path / "sky.fits")
-    monkeypatch.setattr("vsh.io.archive._tap._LIMITS", ())
+    monkeypatch.setattr("vsh.io.archive._tap._ROW_LIMITS", ())
 
 
 def test_server_that_is_away(tmp_path):
