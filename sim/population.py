@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from vsh.models.cosmology import FLAT_PLANCK13, distance_modulus, hubble_value, redshift_of, transverse_distance
-from vsh.models.flows import LINEAR_PLANCK18, VelocityGrid, velocities_of, wave_vectors
+from vsh.models.cosmology import FLAT_PLANCK13, compute_redshift, distance_modulus, hubble_value, transverse_distance
+from vsh.models.flows import LINEAR_PLANCK18, VelocityGrid, compute_velocities, wave_vectors
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
@@ -451,7 +451,7 @@ def clustered_galaxies(
         indices = np.searchsorted(chance, rng.uniform(0, chance[-1], 2 * n))
         positions = cells[:, indices] + rng.uniform(-half / size, half / size, (3, 2 * n))
         r = np.linalg.norm(positions, axis=0)
-        z = redshift_of(r / h)
+        z = compute_redshift(r / h)
         g = distance_modulus(r / h, z) + rng.normal(_ABSOLUTE, _SPREAD, 2 * n)
         keep = (r > min_distance) & (r < max_distance) & (g < _FAINTEST)
         for chunks, values in zip(columns, (*angles(positions), g, z), strict=True):
@@ -470,4 +470,4 @@ def _draw_linear_field(rng, size, half, max_wavenumber=np.inf):
     power[0, 0, 0] = 0.0
     wave = np.fft.rfftn(rng.standard_normal((size, size, size))) * np.sqrt(power / step**3)
     density = np.fft.irfftn(wave, (size,) * 3, axes=(0, 1, 2))
-    return density, velocities_of(wave, k, LINEAR_PLANCK18.growth_rate)
+    return density, compute_velocities(wave, k, LINEAR_PLANCK18.growth_rate)

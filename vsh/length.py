@@ -18,19 +18,19 @@ from vsh.tools.types import FloatArray
 _POINTS = 1024
 #: Directions that are tried for the true vector besides the one that fits best, and how many points stand for the noise
 #: there.
-_DIRECTIONS, _FEWER = 8, 256
+_DIRECTIONS, _FEWER_POINTS = 8, 256
 #: How far those directions are from the best one, in the scatter of the noise, where errors differ by four and more and
 #: the length is at most 1.4 of the largest error; less where errors are alike, and nothing for a length of two errors,
 #: where the best direction alone has the coverage (all found by simulation, `benchmarks/lengths.py`).
-_AWAY, _NEAR, _FAR = 0.8, 1.4, 2.0
+_SHIFT, _NEAR, _FAR = 0.8, 1.4, 2.0
 #: Lengths at which tails are computed, on a coarse and then on a fine grid; they are interpolated in between.
 _COARSE, _FINE = 14, 6
 #: A limit does not fall further for a vector that is shorter than this share of null vectors (it would by 2 %).
-_SHORTEST = 0.02
+_SHORTEST_SHARE = 0.02
 #: Tails by two approximations that differ by more than this factor are not both right.
-_SAME = 0.8
+_LEAST_AGREEMENT = 0.8
 #: Newton's steps to the nearest vector of a length; it converges from one side, and six digits are enough.
-_STEPS = 6
+_NEWTON_STEPS = 6
 
 
 #: Fewer degrees of freedom determine no error: from three on Student's t has a variance.
@@ -89,8 +89,8 @@ def length_interval(
     """
     profile = _Profile(value, covariance, dof)
     tail = 1 - probability
-    lower = 0.0 if profile.tails(np.zeros(1))[0] >= tail else profile.end(profile.lowest, profile.norm, tail)
-    return lower, profile.end(profile.highest, profile.norm, tail)
+    lower = 0.0 if profile.find_tails(np.zeros(1))[0] >= tail else profile.find_end(profile.lowest, profile.norm, tail)
+    return lower, profile.find_end(profile.highest, profile.norm, tail)
 
 
 def length_limits(
@@ -130,29 +130,29 @@ def length_limits(
     # Nothing along the widest axis leaves the nearest vector undetermined; a millionth of an error does not.
     components = np.where(np.abs(components) < 1e-6 * sigma, 1e-6 * sigma, components)
     rank = np.sum(variances > 1e-10 * variances[:, -1:], axis=1)
-    shortest = chdtri(rank, 1 - _SHORTEST) / np.sum(components**2 / variances, axis=1)
+    shortest = chdtri(rank, 1 - _SHORTEST_SHARE) / np.sum(components**2 / variances, axis=1)
     components = components * np.sqrt(np.maximum(1.0, shortest))[:, None]
     square = np.sum(components**2, axis=1)
-    relative, unit = variances / variances[:, -1:], sigma[:, -1]
-    null = _shorter_probabilities(square, variances, np.zeros_like(components), dof)
+    relative, largest_sigma = variances / variances[:, -1:], sigma[:, -1]
+    null_tails = _compute_shorter_probabilities(square, variances, np.zeros_like(components), dof)
     # Each may underestimate the tail of short vectors by any factor, which would exclude nothing; the larger one is
     # right to a few per cent, and the first is exact where all errors are equal.
-    null_tail = np.maximum(null, _SAME * np.maximum(*null))
-    lower, upper = np.sqrt(square), np.sqrt(square) + _search_reach(dof, components.shape[1]) * unit
+    null_tail = np.maximum(null_tails, _LEAST_AGREEMENT * np.maximum(*null_tails))
+    lower, upper = np.sqrt(square), np.sqrt(square) + _find_search_reach(dof, components.shape[1]) * largest_sigma
     for _ in range(30):
         middle = (lower + upper) / 2
-        mu = _lagrange_multiplier(components.T, relative.T, middle)
+        mu = _solve_lagrange_multiplier(components.T, relative.T, middle)
         truth = components / (1 + mu[:, None] * relative)
-        chance = _shorter_probabilities(square, variances, truth, dof)
-        is_allowed = (np.array(chance) > (1 - probability) * null_tail).any(0)
+        tails = _compute_shorter_probabilities(square, variances, truth, dof)
+        is_allowed = (np.array(tails) > (1 - probability) * null_tail).any(0)
         lower, upper = np.where(is_allowed, middle, lower), np.where(is_allowed, upper, middle)
     return upper
 
 
-def _shorter_probabilities(
+def _compute_shorter_probabilities(
     square: FloatArray, variances: FloatArray, truth: FloatArray, dof: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Probability of a vector with a smaller |v|² than `square`, in two approximations, (n,) each."""
+    """Compute the probability of a vector with a smaller |v|² than `square`, in two approximations, (n,) each."""
     excess = truth**2 / variances
     c1, c2, c3, c4 = (np.sum(variances**j * (1 + j * excess), axis=1) for j in (1, 2, 3, 4))
     # Liu, Tang & Zhang: scale a, degrees of freedom and noncentrality from the cumulants.
@@ -166,25 +166,25 @@ def _shorter_probabilities(
     h = np.where(np.abs(h) < 1e-3, 1e-3, h)
     mean, scatter = 1 + c2 * h * (h - 1) / c1**2, np.sqrt(2 * c2) * np.abs(h) / c1
     sums = [np.zeros_like(square), np.zeros_like(square)]
-    scales = _variance_scales(dof, truth.shape[1])
+    scales = _compute_variance_scales(dof, truth.shape[1])
     for scale in scales:
-        x = square * scale
-        statistic = (x - c1) / np.sqrt(2 * c2) * np.sqrt(2) * a + degrees + delta
+        scaled_square = square * scale
+        statistic = (scaled_square - c1) / np.sqrt(2 * c2) * np.sqrt(2) * a + degrees + delta
         sums[0] += chndtr(np.maximum(statistic, 0.0), degrees, delta)
-        sums[1] += ndtr(np.sign(h) * ((x / c1) ** h - mean) / scatter)
+        sums[1] += ndtr(np.sign(h) * ((scaled_square / c1) ** h - mean) / scatter)
     return np.maximum(sums[0] / len(scales), 1e-9), np.maximum(sums[1] / len(scales), 1e-9)
 
 
-def _variance_scales(dof: float, size: int) -> FloatArray:
-    """Equally likely factors between estimated and true variances: Hotelling's of k components, one of a known one."""
+def _compute_variance_scales(dof: float, size: int) -> FloatArray:
+    """Compute equally likely factors between estimated and true variances: of k components, one if they are known."""
     if np.isinf(dof):
         return np.ones(1)
     degrees = dof - size + 1
     return chdtri(degrees, (np.arange(16) + 0.5) / 16) / dof
 
 
-def _search_reach(dof: float, size: int) -> float:
-    """Distance beyond its length that a vector may have, in its largest errors."""
+def _find_search_reach(dof: float, size: int) -> float:
+    """Find the distance beyond its length that a vector may have, in its largest errors."""
     return 6.0 if np.isinf(dof) else 6.0 + 60.0 / max(dof - size + 1, 1.0)
 
 
@@ -196,81 +196,81 @@ class _Profile:
         self.unit = float(np.sqrt(variances[-1]))
         components = axes.T @ np.asarray(value, float) / self.unit
         # Axes along which there is neither a value nor an error, as of the trace of a shear, are none.
-        mask = (variances > 1e-12 * variances[-1]) | (np.abs(components) > 1e-9 * np.abs(components).max())
-        self.variances = np.maximum(variances[mask] / variances[-1], 1e-12)
+        is_axis = (variances > 1e-12 * variances[-1]) | (np.abs(components) > 1e-9 * np.abs(components).max())
+        self.variances = np.maximum(variances[is_axis] / variances[-1], 1e-12)
         small = 1e-6 * np.sqrt(self.variances)  # as in `length_limits`
-        self.value = np.where(np.abs(components[mask]) < small, small, components[mask])
+        self.value = np.where(np.abs(components[is_axis]) < small, small, components[is_axis])
         self.norm = float(np.linalg.norm(self.value))
         self.unequal = float(np.clip((1 / np.sqrt(self.variances.min()) - 1) / 3, 0.0, 1.0))
         # Hotelling's T² with k components is k ν/(ν − k + 1) times an F with k and ν − k + 1 degrees of freedom.
         self.dof, self.free = dof, dof - len(self.value) + 1
-        self.noise = np.sqrt(self.variances)[:, None] * _normal_points(len(self.value))
-        reach = _search_reach(dof, len(self.value))
+        self.noise = np.sqrt(self.variances)[:, None] * _make_normal_points(len(self.value))
+        reach = _find_search_reach(dof, len(self.value))
         self.lowest, self.highest = max(self.norm - reach, 0.0), self.norm + reach
 
-    def tails(self, lengths: FloatArray) -> FloatArray:
-        """Probability of a profile as large as the observed one, for true vectors of these lengths, (m,).
+    def find_tails(self, lengths: FloatArray) -> FloatArray:
+        """Compute the probability of a profile as large as the observed one, for true vectors of these lengths, (m,).
 
         The largest over the direction that fits best and a few that the data allow as well.
         """
-        nearest, observed = self._nearest(self.value[:, None, None], lengths)
+        nearest, observed = self._find_nearest(self.value[:, None, None], lengths)
         tails = self._tails_at(nearest, self.noise, lengths, observed)
         noise = self.noise[:, None, :: _POINTS // _DIRECTIONS]
-        distance = _AWAY * self.unequal * np.clip((_FAR - lengths) / (_FAR - _NEAR), 0.0, 1.0)
-        mask = distance > 0
-        if not mask.any():
+        shifts = _SHIFT * self.unequal * np.clip((_FAR - lengths) / (_FAR - _NEAR), 0.0, 1.0)
+        shifted = shifts > 0
+        if not shifted.any():
             return tails
-        vectors, _ = self._nearest(self.value[:, None, None] + distance[mask, None] * noise, lengths[mask])
-        fewer = self.noise[:, 1 :: _POINTS // _FEWER]
+        vectors, _ = self._find_nearest(self.value[:, None, None] + shifts[shifted, None] * noise, lengths[shifted])
+        fewer = self.noise[:, 1 :: _POINTS // _FEWER_POINTS]
         for k in range(vectors.shape[2]):
-            direction_tails = self._tails_at(vectors[:, :, k : k + 1], fewer, lengths[mask], observed[mask])
-            tails[mask] = np.maximum(tails[mask], direction_tails)
+            direction_tails = self._tails_at(vectors[:, :, k : k + 1], fewer, lengths[shifted], observed[shifted])
+            tails[shifted] = np.maximum(tails[shifted], direction_tails)
         return tails
 
     def _tails_at(self, truth: FloatArray, noise: FloatArray, lengths: FloatArray, observed: FloatArray) -> FloatArray:
-        """Tail probabilities for given true vectors, (k, m, 1), and points of the noise, (k, n)."""
-        _, profile = self._nearest(truth + noise[:, None, :], lengths)
+        """Compute tail probabilities for given true vectors, (k, m, 1), and points of the noise, (k, n)."""
+        _, profile = self._find_nearest(truth + noise[:, None, :], lengths)
         if np.isinf(self.dof):
             return np.mean(profile >= observed, axis=1)
         return chdtr(self.free, self.dof * profile / np.maximum(observed, 1e-300)).mean(axis=1)
 
-    def end(self, lower: float, upper: float, tail: float) -> float:
-        """The length between two at which the tail is `tail`, nearest to the one that the data do not allow.
+    def find_end(self, lower: float, upper: float, tail: float) -> float:
+        """Find the length between two at which the tail is `tail`, nearest to the one that the data do not allow.
 
         lower : float
             Not allowed, in units of the largest error.
         upper : float
             Allowed.
         """
-        for number in (_COARSE, _FINE):
-            lengths = np.linspace(lower, upper, number)
-            deviate = ndtri(np.clip(self.tails(lengths), 1e-9, 1 - 1e-9)) - ndtri(tail)
-            k = int(np.argmax(deviate > 0))
+        for n_lengths in (_COARSE, _FINE):
+            lengths = np.linspace(lower, upper, n_lengths)
+            deviates = ndtri(np.clip(self.find_tails(lengths), 1e-9, 1 - 1e-9)) - ndtri(tail)
+            k = int(np.argmax(deviates > 0))
             if k == 0:
-                return float(lengths[0] if deviate[0] > 0 else lengths[-1]) * self.unit
+                return float(lengths[0] if deviates[0] > 0 else lengths[-1]) * self.unit
             lower, upper = lengths[k - 1], lengths[k]
-        share = deviate[k - 1] / (deviate[k - 1] - deviate[k])
+        share = deviates[k - 1] / (deviates[k - 1] - deviates[k])
         return float(lower + share * (upper - lower)) * self.unit
 
-    def _nearest(self, vectors: FloatArray, lengths: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The vectors of given lengths next to `vectors` in their errors, (k, m, n), and the profile there, (m, n)."""
+    def _find_nearest(self, vectors: FloatArray, lengths: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Find the vectors of given lengths nearest to `vectors` in their errors, (k, m, n), and the profile (m, n)."""
         variances, length = self.variances[:, None, None], lengths[:, None]
-        mu = _lagrange_multiplier(vectors, variances, np.maximum(length, 1e-12))
+        mu = _solve_lagrange_multiplier(vectors, variances, np.maximum(length, 1e-12))
         theta = vectors / (1 + mu * variances)
         profile = (theta**2 * variances).sum(axis=0) * mu**2
         null = np.broadcast_to((vectors**2 / variances).sum(axis=0), profile.shape)
         return np.where(length > 0, theta, 0.0), np.where(length > 0, profile, null)
 
 
-def _lagrange_multiplier(vectors: FloatArray, variances: FloatArray, length: FloatArray) -> FloatArray:
-    """µ at which θ = v/(1 + µσ²), the nearest vector to v, has a length; components first, the widest axis last.
+def _solve_lagrange_multiplier(vectors: FloatArray, variances: FloatArray, length: FloatArray) -> FloatArray:
+    """Solve for µ at which θ = v/(1 + µσ²), the nearest vector to v, has a length; components first, widest axis last.
 
     Newton's method on 1/|θ|, which is nearly straight in µ.
     """
     # At this µ the component along the widest axis alone has the whole length: the root lies above.
     mu = np.abs(vectors[-1]) / length - 1
     squares = vectors**2
-    for _ in range(_STEPS):
+    for _ in range(_NEWTON_STEPS):
         stretch = 1 / (1 + mu * variances)
         terms = squares * stretch**2
         square = terms.sum(axis=0)
@@ -280,8 +280,8 @@ def _lagrange_multiplier(vectors: FloatArray, variances: FloatArray, length: Flo
 
 
 @lru_cache(maxsize=8)
-def _normal_points(size: int) -> Any:
-    """Points of a normal distribution of so many components, each with its mirror image, (size, _POINTS)."""
+def _make_normal_points(size: int) -> Any:
+    """Make points of a normal distribution of so many components, each with its mirror image, (size, _POINTS)."""
     # Kronecker's sequence of the generalised golden ratio fills the unit cube evenly.
     ratio = 2.0
     for _ in range(60):

@@ -49,22 +49,22 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
     matrix = rotation_matrix(frame, to) if isinstance(to, str) else _check_matrix(to)
     from scipy.spatial.transform import Rotation  # imported here: it takes a tenth of the time of a small job
 
-    vector = Rotation.from_matrix(np.array(matrix)).as_rotvec()
+    rotation_vector = Rotation.from_matrix(np.array(matrix)).as_rotvec()
     modes = coefficients.modes
     values = coefficients.values.copy()
     rotated_covariance = None if covariance is None else np.array(covariance, float)
     if rotated_covariance is not None and rotated_covariance.shape != (len(modes), len(modes)):
         raise ModesError(f"the covariance has shape {rotated_covariance.shape}, expected {(len(modes), len(modes))}")
     for l in range(modes.lowest, modes.lmax + 1):
-        block = degree_matrix(l, vector)
+        degree_rotation = degree_matrix(l, rotation_vector)
         for kind in modes.kinds:
-            degree = modes.slice_of(kind, l)
-            values[degree] = block @ values[degree]
+            rows = modes.slice_of(kind, l)
+            values[rows] = degree_rotation @ values[rows]
             if rotated_covariance is not None:
-                rotated_covariance[degree] = block @ rotated_covariance[degree]
-                rotated_covariance[:, degree] = rotated_covariance[:, degree] @ block.T
-    result = type(coefficients)(modes, values)
-    return result if rotated_covariance is None else (result, rotated_covariance)
+                rotated_covariance[rows] = degree_rotation @ rotated_covariance[rows]
+                rotated_covariance[:, rows] = rotated_covariance[:, rows] @ degree_rotation.T
+    rotated = type(coefficients)(modes, values)
+    return rotated if rotated_covariance is None else (rotated, rotated_covariance)
 
 
 def degree_matrix(l: int, vector: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ DIPOLE.flags.writeable = False
 
 
 #: Sources that are expected in a pixel of counts at least; where so many are expected, none is no chance.
-_IN_PIXEL, _FULL = 30, 15.0
+_IN_PIXEL, _FULL_PIXEL = 30, 15.0
 
 
 class ScalarCoefficients(Coefficients):
@@ -147,7 +147,7 @@ class ScalarField(SourcesWithErrors):
         if self.name is not None:
             arrays["name"] = np.asarray(self.name)
         check_shapes(arrays, lambda column: (arrays["lon"].size,))
-        reasons = _invalid_scalar_rows(arrays["lon"], arrays["lat"], arrays["values"], arrays["sigma"])
+        reasons = _find_invalid_rows(arrays["lon"], arrays["lat"], arrays["values"], arrays["sigma"])
         select_usable(reasons, arrays["lon"].size)
         self._set(**arrays, unit=str(self.unit), notes=tuple(self.notes))
 
@@ -196,23 +196,23 @@ class ScalarField(SourcesWithErrors):
         """
         unit = unit or str(getattr(values, "unit", None) or "")
         columns, missing = {}, {}
-        for column, array, of in (
+        for column, array, column_unit in (
             ("ra", ra, "deg"),
             ("dec", dec, "deg"),
             ("values", values, unit),
             ("errors", errors, unit),
         ):
-            columns[column], missing[column] = as_floats(column, _as_quantity(array), of)
+            columns[column], missing[column] = as_floats(column, _as_quantity(array), column_unit)
         if name is not None:
             columns["name"] = np.asarray(name)
         check_shapes(columns, lambda column: (columns["ra"].size,))
         lon, lat = columns["ra"] * DEGREE, columns["dec"] * DEGREE
-        absent = {f"{column} missing": mask for column, mask in missing.items()}
-        invalid = _invalid_scalar_rows(lon, lat, columns["values"], columns["errors"], absent, turns=1)
+        missing_rows = {f"{column} missing": mask for column, mask in missing.items()}
+        invalid = _find_invalid_rows(lon, lat, columns["values"], columns["errors"], missing_rows, turns=1)
         keep, added_notes = select_usable(invalid, lon.size, on_bad, mark=(lon, lat))
-        label = columns["name"][keep] if name is not None else None
+        names = columns["name"][keep] if name is not None else None
         lon, lat, numbers, sigma = (column[keep] for column in (lon, lat, columns["values"], columns["errors"]))
-        return cls(lon, lat, numbers, sigma, unit, label, frame, (*notes, *added_notes))
+        return cls(lon, lat, numbers, sigma, unit, names, frame, (*notes, *added_notes))
 
     @classmethod
     def from_counts(
@@ -253,34 +253,34 @@ class ScalarField(SourcesWithErrors):
         """
         lon, lat = float_array("lon", lon), float_array("lat", lat)
         share = np.ones(12) if selection is None else np.ravel(float_array("selection", selection, finite=False))
-        share, finest = np.where(np.isfinite(share), share, 0.0), np.sqrt(share.size / 12)
-        if finest != int(finest) or (share < 0).any():
+        share, map_nside = np.where(np.isfinite(share), share, 0.0), np.sqrt(share.size / 12)
+        if map_nside != int(map_nside) or (share < 0).any():
             raise ParameterError(f"a selection is a HEALPix map of at least zero, not {share.size} values")
         if nside is None:
-            most = lon.size / (12 * _IN_PIXEL * max((share > 0).mean(), 1e-3))
-            nside = next((k for k in (32, 16, 8, 4, 2) if k**2 <= most), 1)
+            largest_nside2 = lon.size / (12 * _IN_PIXEL * max((share > 0).mean(), 1e-3))
+            nside = next((k for k in (32, 16, 8, 4, 2) if k**2 <= largest_nside2), 1)
         n_pixels = 12 * check_nside(nside) ** 2
         if selection is None:
             share = np.ones(n_pixels)
-        elif nside != finest:  # the mean of the pixels within
-            place = pixels_of(*centres(int(finest)), nside)
-            share = np.bincount(place, share, n_pixels) / np.maximum(np.bincount(place, minlength=n_pixels), 1)
-        counts, used = np.bincount(pixels_of(lon, lat, nside), minlength=n_pixels), share > 0
-        if not counts[used].any():
+        elif nside != map_nside:  # the mean of the pixels within
+            pixels = pixels_of(*centres(int(map_nside)), nside)
+            share = np.bincount(pixels, share, n_pixels) / np.maximum(np.bincount(pixels, minlength=n_pixels), 1)
+        counts, is_used = np.bincount(pixels_of(lon, lat, nside), minlength=n_pixels), share > 0
+        if not counts[is_used].any():
             raise ParameterError(f"none of {lon.size} sources lies where the selection is above zero")
-        expected = counts[used].sum() * share[used] / share[used].sum()
-        notes = [f"counts of {counts[used].sum()} sources in {used.sum()} pixels of nside {nside}"]
-        if outside := int(counts[~used].sum()):
-            notes.append(f"{outside} sources lie where the selection is zero and are not counted")
-        if (empty := int(((counts[used] == 0) & (expected > _FULL)).sum())) > 0:
-            text = f"{empty} pixels have no source where {_FULL:g} or more are expected: give a selection"
+        expected = counts[is_used].sum() * share[is_used] / share[is_used].sum()
+        notes = [f"counts of {counts[is_used].sum()} sources in {is_used.sum()} pixels of nside {nside}"]
+        if n_outside := int(counts[~is_used].sum()):
+            notes.append(f"{n_outside} sources lie where the selection is zero and are not counted")
+        if (n_empty := int(((counts[is_used] == 0) & (expected > _FULL_PIXEL)).sum())) > 0:
+            remark = f"{n_empty} pixels have no source where {_FULL_PIXEL:g} or more are expected: give a selection"
             if selection is None:
-                raise ParameterError(f"{text}, a HEALPix map of what of the sky the catalogue has (density,MAP)")
-            notes.append(f"warning: {text} without them")
-        if 100 * (twice := lon.size - np.unique(lon + 1j * lat).size) > lon.size:
-            notes.append(f"warning: {twice} of {lon.size} sources are at the place of another, and count each")
-        lon, lat = (angle[used] for angle in centres(nside))
-        return cls(lon, lat, counts[used] / expected - 1, 1 / np.sqrt(expected), "", None, frame, tuple(notes))
+                raise ParameterError(f"{remark}, a HEALPix map of what of the sky the catalogue has (density,MAP)")
+            notes.append(f"warning: {remark} without them")
+        if 100 * (n_repeated := lon.size - np.unique(lon + 1j * lat).size) > lon.size:
+            notes.append(f"warning: {n_repeated} of {lon.size} sources are at the place of another, and count each")
+        lon, lat = (angle[is_used] for angle in centres(nside))
+        return cls(lon, lat, counts[is_used] / expected - 1, 1 / np.sqrt(expected), "", None, frame, tuple(notes))
 
     def _table(self):
         columns = {"source_id": np.arange(1, len(self) + 1) if self.name is None else self.name}
@@ -328,7 +328,7 @@ class ScalarField(SourcesWithErrors):
         return self._with(lon=lon, lat=lat, frame=name)
 
 
-def _invalid_scalar_rows(lon, lat, values, sigma, further=None, turns=2):
+def _find_invalid_rows(lon, lat, values, sigma, further=None, turns=2):
     return invalid_rows(lon, lat, values[None], sigma[None], np.zeros(lon.shape), further, turns=turns, what="value")
 
 

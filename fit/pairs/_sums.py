@@ -26,7 +26,7 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
 
 from vsh.field import Field
-from vsh.io.parts import Parts, single_frame
+from vsh.io.parts import Parts, find_single_frame
 from vsh.models.covariance import d_minus, d_plus
 from vsh.modes import Modes, ScalarModes
 from vsh.sky.pixels import pixels_of
@@ -93,7 +93,7 @@ def sums_of(
         if len(field) < 2:
             raise FieldError("pairs need two sources at least")
         sums = _part_sums(field, lmax, nside, weights, threads)
-    frame = single_frame(sums["frames"])
+    frame = find_single_frame(sums["frames"])
     blocks = [sums["blocks"][pixel] for pixel in sorted(sums["blocks"])]
     total = reduce(add, blocks)
     if total.alone[2] < 2:

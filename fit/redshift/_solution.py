@@ -307,10 +307,10 @@ class BinnedSolution(Result):
     @property
     def effective_redshift(self) -> FloatArray:
         """The redshift whose 1/d_M is the bin's mean, (B,); the mean redshift where there is no distance."""
-        from vsh.models.cosmology import redshift_of
+        from vsh.models.cosmology import compute_redshift
 
         return np.where(
-            np.isfinite(self.mean_inverse_distance), redshift_of(1 / self.mean_inverse_distance), self.redshift
+            np.isfinite(self.mean_inverse_distance), compute_redshift(1 / self.mean_inverse_distance), self.redshift
         )
 
     @property

@@ -22,7 +22,7 @@ from fit.results.storage import Result
 from vsh.io import tables
 from vsh.io.sections import Answer, Section
 from vsh.length import length_limits
-from vsh.models.waves import strain_of, wave_templates
+from vsh.models.waves import compute_strain, wave_templates
 from vsh.modes import Modes, as_modes
 from vsh.sky.frames import ANGLES, check_frame
 from vsh.sky.pixels import centres
@@ -216,7 +216,7 @@ class WaveSearch(Result):
             return values * UAS
         if frequency is None:
             raise ParameterError("only the rate of the strain is measured: give a frequency in nHz, strain(frequency)")
-        return strain_of(values, frequency)
+        return compute_strain(values, frequency)
 
     def _sections(self, long):
         lon, lat = self.direction
@@ -231,7 +231,7 @@ class WaveSearch(Result):
         labels = ("plus", "cross") if len(best) == 2 else ("plus cos", "cross cos", "plus sin", "cross sin")
         wave = ", ".join(f"{label} {value:+.4g}" for label, value in zip(labels, best, strict=True))
         lower, middle, upper = np.quantile(self.limits, [0, 0.5, 1])
-        strain = f"{strain_of(middle, 1.0):.3g} (1 nHz/f)"
+        strain = f"{compute_strain(middle, 1.0):.3g} (1 nHz/f)"
         if self.unit == "µas":
             strain = f"{float(self._strains(np.array(middle), None)):.3g}"
         of_all = f"{self.statistic.max():.2f} of {len(self.statistic)} directions"

@@ -435,7 +435,7 @@ def plane_wave(direction: ArrayLike, plus: float, cross: float = 0.0) -> Signal:
         Where it travels to, along the axes of the frame; of any length. Its source is on the other side of the sky.
     plus, cross : float
         Rates of the strain in two polarisations: south–south less east–east at `direction`, and south–east. A strain h
-        of frequency f has 2πf h; 1 µas/yr is h = 2.4e-11 at 1 nHz (`vsh.models.waves.strain_of`). [µas/yr]
+        of frequency f has 2πf h; 1 µas/yr is h = 2.4e-11 at 1 nHz (`vsh.models.waves.compute_strain`). [µas/yr]
 
     Notes
     -----

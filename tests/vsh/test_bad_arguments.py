@@ -18,7 +18,7 @@ from vsh.basis import harmonics
 from vsh.io.catalogue import read_field, read_positions, read_scalars
 from vsh.models import cosmology, covariance
 from vsh.models.covariance import Covariance, Spectrum
-from vsh.models.waves import strain_of
+from vsh.models.waves import compute_strain
 from vsh.sky.pixels import pixels_of, random_positions
 from vsh.tools.arguments import between, choice, float_array, not_negative, number, positive, whole
 from vsh.tools.errors import VshError
@@ -92,7 +92,7 @@ MADE = {
     SYSTEM.solve: NOISE, SYSTEM.adjoint: NOISE,
     SYSTEM.predict: (np.zeros((60, 5)), np.zeros((SYSTEM.coefficients, 3))), SYSTEM.formal_covariance: (1, FIELD.lon, FIELD.lat),
     SYSTEM.true_covariance: (1, FIELD.lon, FIELD.lat), SYSTEM.covariance_of: (np.ones((60, 5, 1)),), SOLVED.rotated: ((1, 2, 3), (1, 2, 3)),
-    PAIRS.fit: (("waves",),), fit.pairs.waves_curve: ([0.1],), strain_of: (1.0, 1.0), Survey: (100, None, 1.0, 2.0),
+    PAIRS.fit: (("waves",),), fit.pairs.waves_curve: ([0.1],), compute_strain: (1.0, 1.0), Survey: (100, None, 1.0, 2.0),
     forecast_surveys: ({"one": Survey(100, sigma=1.0)},), ScalarField: (FIELD.lon, FIELD.lat, FIELD.lat, FIELD.rho + 1),
     ScalarCoefficients: (1, np.zeros(4)), ScalarModes: (1,), ScalarCoefficients.from_moments: (1.0, (1, 2, 3)),
     read_scalars: ({"ra": [1.0]},), read_positions: ({"ra": [1.0]},),

@@ -34,18 +34,18 @@ def read_map(path: PathName) -> tuple[FloatArray, str | None]:
     except ImportError as error:
         raise TableError(f"{label}: maps need healpy, which is not installed; there is none for Windows") from error
     unreadable = as_table_error(f"{label} cannot be read as a HEALPix map")
-    with open_checked_fits(path, label) as plain, unreadable, warnings.catch_warnings():
+    with open_checked_fits(path, label) as unpacked_path, unreadable, warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        values, header = healpy.read_map(plain, h=True)
+        values, header = healpy.read_map(unpacked_path, h=True)
     values = np.asarray(values)
     if values.ndim != 1 or values.dtype.kind not in "fiu":
         raise TableError(f"{label} cannot be read as a HEALPix map: it holds {values.ndim} maps of {values.dtype}")
     coordsys = str(dict(header).get("COORDSYS", "")).strip().upper()
-    return values, _SYSTEMS.get(coordsys)
+    return values, _FRAME_OF_SYSTEM.get(coordsys)
 
 
 #: What headers of maps call the axes.
-_SYSTEMS = {
+_FRAME_OF_SYSTEM = {
     "C": "icrs", "ICRS": "icrs", "CELESTIAL": "icrs", "EQUATORIAL": "icrs", "EQ": "icrs", "RADEC": "icrs",
     "G": "galactic", "GAL": "galactic", "GALACTIC": "galactic",
     "E": "ecliptic", "ECL": "ecliptic", "ECLIPTIC": "ecliptic",
@@ -85,10 +85,10 @@ def read_density(path: PathName, sigma: float = 1000.0, frame: str | None = None
     """
     values, frame = read_map_with_frame(path, frame, "frame='galactic' (--columns frame=galactic), or which it is")
     label = printable(path)
-    missing = is_valueless(values)
-    if (values[~missing] < 0).any():
-        raise TableError(f"{label}: {(values[~missing] < 0).sum()} pixels have a negative number of sources")
-    has_sources = ~missing & (values > 0)
+    has_no_value = is_valueless(values)
+    if (values[~has_no_value] < 0).any():
+        raise TableError(f"{label}: {(values[~has_no_value] < 0).sum()} pixels have a negative number of sources")
+    has_sources = ~has_no_value & (values > 0)
     if not has_sources.any():
         raise TableError(f"{label}: no pixel has sources")
     lon, lat = (axis[has_sources] for axis in centres(round(np.sqrt(values.size / 12)), any_size=True))
@@ -97,6 +97,6 @@ def read_density(path: PathName, sigma: float = 1000.0, frame: str | None = None
         f"a map of densities: {has_sources.sum()} pixels with {values[has_sources].sum():.6g} sources, each of "
         f"{sigma:g} µas/yr"
     ]
-    if missing.any():
-        notes.append(f"{missing.sum()} of {values.size} pixels of the map have no value and count as empty")
+    if has_no_value.any():
+        notes.append(f"{has_no_value.sum()} of {values.size} pixels of the map have no value and count as empty")
     return Field(lon, lat, np.zeros((2, lon.size)), errors, frame=frame, notes=tuple(notes))

@@ -9,11 +9,11 @@ from vsh.tools.types import Table
 __all__ = ["latex_table", "symbol"]
 
 #: Vectors, by what stands before their axis in the names of parameters and columns.
-_VECTORS = {
+_VECTOR_SYMBOLS = {
     "epsilon": r"\epsilon", "orientation": r"\epsilon", "omega": r"\omega", "spin": r"\omega", "ω": r"\omega",
     "a": r"\tilde a", "acceleration": r"\tilde a", "g": "g", "v": "v", "velocity": "v",
 }  # fmt: skip
-_NAMES = {
+_SYMBOLS = {
     "H0": "$H_0$", "hubble": "$H_0$", "hubble_flows": "$H_0$, flows fitted", "speed": "$|v|$", "r0": "$R_0$",
     "peculiar_dispersion": r"$\sigma_{\rm pec}$", "excess_noise": r"$\sigma_{\rm excess}$", "theta": r"$\theta$",
     "plus": r"$\xi_+$", "minus": r"$\xi_-$", "n_pairs": "pairs", "low95": "95 %, from", "high95": "95 %, to",
@@ -24,8 +24,8 @@ _NAMES = {
     "limit_median": "limit, median", "limit_high": "limit, 84 %", "lost": "share lost [%]",
 }  # fmt: skip
 #: The name of a coefficient: kind, degree, order, and real or imaginary part.
-_MODE = re.compile(r"([tsf])\((\d+),(\d+)(?:,(re|im))?\)")
-_VECTOR = re.compile(rf"(jump |\|)?({'|'.join(_VECTORS)})(?:_([xyz])|\|)( at (\S+))?")
+_MODE_NAME = re.compile(r"([tsf])\((\d+),(\d+)(?:,(re|im))?\)")
+_VECTOR_NAME = re.compile(rf"(jump |\|)?({'|'.join(_VECTOR_SYMBOLS)})(?:_([xyz])|\|)( at (\S+))?")
 
 
 def symbol(name: str) -> str:
@@ -41,25 +41,25 @@ def symbol(name: str) -> str:
     str
         With its mathematics between dollars, which matplotlib and LaTeX read alike; the name where it has no symbol.
     """
-    if found := _MODE.fullmatch(name):
-        kind, l, m, component = found.groups()
+    if match := _MODE_NAME.fullmatch(name):
+        kind, l, m, component = match.groups()
         subscript = f"{l}{m}" if len(l) == len(m) == 1 else f"{l},{m}"
-        part = f"^{{\\rm {'R' if component == 're' else 'I'}}}" if component else ""
-        return f"${kind}_{{{subscript}}}{part}$"
-    if (found := _VECTOR.fullmatch(name)) and (found[1] == "|") == (found[3] is None):
-        before, letter, axis, _, at = found[1], _VECTORS[found[2]], found[3], found[4], found[5]
+        superscript = f"^{{\\rm {'R' if component == 're' else 'I'}}}" if component else ""
+        return f"${kind}_{{{subscript}}}{superscript}$"
+    if (match := _VECTOR_NAME.fullmatch(name)) and (match[1] == "|") == (match[3] is None):
+        jump, letter, axis, _, at = match[1], _VECTOR_SYMBOLS[match[2]], match[3], match[4], match[5]
         if axis is None:
             return f"$|{letter}|$"
-        return f"{'jump of ' if before else ''}${letter}_{axis}${f' at {at}' if at else ''}"
-    return _NAMES.get(name, name)
+        return f"{'jump of ' if jump else ''}${letter}_{axis}${f' at {at}' if at else ''}"
+    return _SYMBOLS.get(name, name)
 
 
 #: Widths in characters: of a column, of what needs smaller letters, of a page, and of words that are broken.
-_COLUMN, _SMALL, _PAGE, _WORDS = 42, 70, 82, 20
+_COLUMN_WIDTH, _SMALL_WIDTH, _PAGE_WIDTH, _WORDS = 42, 70, 82, 20
 #: What is printed of a cell has no room of its own.
-_COMMANDS = re.compile(r"\\(rm|tilde|mu|times|pm|xi|chi|omega|epsilon|theta)\b|[${}^_\\,]")
+_INVISIBLE = re.compile(r"\\(rm|tilde|mu|times|pm|xi|chi|omega|epsilon|theta)\b|[${}^_\\,]")
 #: Rows of a table that stays on one page.
-_ROWS = 45
+_PAGE_ROWS = 45
 _NUMBER = re.compile(r"([<>] )?([+-]?[\d.]+)(?:e([+-]?\d+))?( ± [\d.]+)?")
 
 
@@ -79,79 +79,79 @@ def latex_table(table: Table, caption: str = "") -> str:
         What is wider than a page is turned, where that makes it narrower, or split; what is longer is a `longtable`.
     """
     kept = table[[name for name in table.colnames if not name.startswith("correlation_")]]
-    heads, rows = format_table(kept, written=str, digits=3)
-    heads = [_head(*head.partition(" [")) for head in heads]
-    rows = [list(map(_latex, row)) for row in rows]
-    first, *others = zip(heads, *rows, strict=True)
-    turned = list(first), list(map(list, others))
-    if len(heads) <= _ROWS and len(_split(*turned)) < len(_split(heads, rows)):
-        heads, rows = turned
-    title = ": ".join(text for text in (caption, str(table.meta.get("summary", ""))) if text)
-    groups = _split(heads, rows)
+    heads, rows = format_table(kept, write_name=str, digits=3)
+    heads = [_format_head(*head.partition(" [")) for head in heads]
+    rows = [list(map(_format_latex, row)) for row in rows]
+    first_column, *other_columns = zip(heads, *rows, strict=True)
+    transposed = list(first_column), list(map(list, other_columns))
+    if len(heads) <= _PAGE_ROWS and len(_group_columns(*transposed)) < len(_group_columns(heads, rows)):
+        heads, rows = transposed
+    title = ": ".join(title_part for title_part in (caption, str(table.meta.get("summary", ""))) if title_part)
+    groups = _group_columns(heads, rows)
     label = re.sub(r"[^a-z0-9]+", "-", (caption or "table").lower()).strip("-")[:40].strip("-")
-    parts = []
+    tables = []
     for i, group in enumerate(groups):
-        which = f", part {i + 1} of {len(groups)}" if len(groups) > 1 else ""
+        part_title = f", part {i + 1} of {len(groups)}" if len(groups) > 1 else ""
         name = f"tab:{label}{f'-{i + 1}' if len(groups) > 1 else ''}"
         cells = [[heads[k] for k in group], *([row[k] for k in group] for row in rows)]
-        parts.append(_tabular(cells, f"{latex_text(title)}{which}", name))
-    return "\n\n".join(parts)
+        tables.append(_format_tabular(cells, f"{latex_text(title)}{part_title}", name))
+    return "\n\n".join(tables)
 
 
-def _split(heads, rows):
-    """Columns by part of the table: the first in each, and as many others as are not wider than a page."""
-    widths = [_width([head, *(row[k] for row in rows)]) for k, head in enumerate(heads)]
-    groups, used = [[0]], widths[0]
+def _group_columns(heads, rows):
+    """Group columns by part of the table: the first in each, and as many others as are not wider than a page."""
+    widths = [_measure_width([head, *(row[k] for row in rows)]) for k, head in enumerate(heads)]
+    groups, width = [[0]], widths[0]
     for k in range(1, len(heads)):
-        if used + widths[k] > _PAGE and len(groups[-1]) > 1:
+        if width + widths[k] > _PAGE_WIDTH and len(groups[-1]) > 1:
             groups.append([0])
-            used = widths[0]
+            width = widths[0]
         groups[-1].append(k)
-        used += widths[k]
+        width += widths[k]
     return groups
 
 
-def _width(cells):
-    """Characters of a column, with the space beside it; long words are broken."""
-    longest = max(len(_COMMANDS.sub("", cell)) for cell in cells)
+def _measure_width(cells):
+    """Count the characters of a column, with the space beside it; long words are broken."""
+    longest = max(len(_INVISIBLE.sub("", cell)) for cell in cells)
     return longest + 3 if longest <= _WORDS else _WORDS + 4 if longest < 3 * _WORDS else 2 * _WORDS + 4
 
 
-def _tabular(cells, title, name):
-    widths = [_width(column) for column in zip(*cells, strict=True)]
-    align = "".join(
+def _format_tabular(cells, title, name):
+    widths = [_measure_width(column) for column in zip(*cells, strict=True)]
+    alignment = "".join(
         f"p{{{width / 2.6:.1f}em}}" if width > _WORDS + 3 else "l" if k == 0 else "c" for k, width in enumerate(widths)
     )
     head, *body = (" & ".join(row) + r" \\" for row in cells)
-    if len(body) > _ROWS:
-        begin = [rf"\begin{{longtable}}{{{align}}}", rf"\caption{{{title}}}\label{{{name}}}\\", r"\toprule", head,
+    if len(body) > _PAGE_ROWS:
+        opening = [rf"\begin{{longtable}}{{{alignment}}}", rf"\caption{{{title}}}\label{{{name}}}\\", r"\toprule", head,
                  r"\midrule", r"\endfirsthead", r"\toprule", head, r"\midrule", r"\endhead"]  # fmt: skip
-        return "\n".join([r"\begingroup\small", *begin, *body, r"\bottomrule", r"\end{longtable}", r"\endgroup"])
-    kind = "table*" if sum(widths) > _COLUMN else "table"
-    small = [r"\small"] if sum(widths) > _SMALL else []
-    begin = [rf"\begin{{{kind}}}", rf"\caption{{{title}}}", rf"\label{{{name}}}", r"\centering", *small,
-             rf"\begin{{tabular}}{{{align}}}", r"\toprule", head, r"\midrule"]  # fmt: skip
-    return "\n".join([*begin, *body, r"\bottomrule", r"\end{tabular}", rf"\end{{{kind}}}"])
+        return "\n".join([r"\begingroup\small", *opening, *body, r"\bottomrule", r"\end{longtable}", r"\endgroup"])
+    environment = "table*" if sum(widths) > _COLUMN_WIDTH else "table"
+    size_command = [r"\small"] if sum(widths) > _SMALL_WIDTH else []
+    opening = [rf"\begin{{{environment}}}", rf"\caption{{{title}}}", rf"\label{{{name}}}", r"\centering", *size_command,
+             rf"\begin{{tabular}}{{{alignment}}}", r"\toprule", head, r"\midrule"]  # fmt: skip
+    return "\n".join([*opening, *body, r"\bottomrule", r"\end{tabular}", rf"\end{{{environment}}}"])
 
 
-def _head(name, bracket="", unit=""):
-    """The name of a quantity in LaTeX, with its unit."""
-    return (_symbol(name) or latex_text(name.replace("_", " "))) + latex_text(bracket + unit)
+def _format_head(name, bracket="", unit=""):
+    """Format the name of a quantity in LaTeX, with its unit."""
+    return (_format_symbol(name) or latex_text(name.replace("_", " "))) + latex_text(bracket + unit)
 
 
-def _symbol(name):
-    """The symbol of a quantity, what stands between its dollars as it is; nothing where it has none."""
-    written = symbol(name)
-    parts = (part if k % 2 else latex_text(part) for k, part in enumerate(written.split("$")))
-    return "$".join(parts) if written != name else ""
+def _format_symbol(name):
+    """Format the symbol of a quantity, what stands between its dollars as it is; nothing where it has none."""
+    formatted = symbol(name)
+    pieces = (piece if k % 2 else latex_text(piece) for k, piece in enumerate(formatted.split("$")))
+    return "$".join(pieces) if formatted != name else ""
 
 
-def _latex(text):
-    """Text that LaTeX prints as it is; numbers with its minus, ± and powers of ten."""
-    found = _NUMBER.fullmatch(text)
-    if found is None or (found[3] and found[4]):
+def _format_latex(text):
+    """Format text that LaTeX prints as it is; numbers with its minus, ± and powers of ten."""
+    match = _NUMBER.fullmatch(text)
+    if match is None or (match[3] and match[4]):
         name, bracket, unit = text.partition(" [")
-        return _symbol(name) + latex_text(bracket + unit) if _symbol(name) else latex_text(text)
-    sign, value, power, error = found.groups(default="")
+        return _format_symbol(name) + latex_text(bracket + unit) if _format_symbol(name) else latex_text(text)
+    sign, value, power, error = match.groups(default="")
     times = rf" \times 10^{{{int(power)}}}" if power else ""
     return f"${sign}{value}{times}{error}$".replace("±", r"\pm")

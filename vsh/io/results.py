@@ -19,7 +19,7 @@ RENAMED = {
     "Lot": "ShapeDraws", "PreferredScale": "PreferredDispersion", "Share": "SourceWeights",
 }  # fmt: skip
 #: Modules whose results are read by their mark; a file cannot have anything else imported.
-_OURS = re.compile(r"(fit|sim|study)(\.\w+)+")
+_OUR_MODULE = re.compile(r"(fit|sim|study)(\.\w+)+")
 
 
 def read(path: PathName) -> Any:
@@ -49,9 +49,9 @@ def read(path: PathName) -> Any:
     if mark is None:
         return catalogue.read_field(path) if catalogue.has_field_columns(source.names) else tables.read_table(path)
     try:
-        facts = json.loads(mark)
-        module, class_name = str(facts["module"]), str(facts["type"])
-        if not _OURS.fullmatch(module):
+        module_and_type = json.loads(mark)
+        module, class_name = str(module_and_type["module"]), str(module_and_type["type"])
+        if not _OUR_MODULE.fullmatch(module):
             raise ImportError
         return getattr(import_module(MOVED.get(module, module)), RENAMED.get(class_name, class_name)).read(path)
     except (KeyError, TypeError, ValueError, AttributeError, ImportError) as error:

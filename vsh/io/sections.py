@@ -21,7 +21,7 @@ from vsh.tools.types import Table
 __all__ = ["Answer", "Section", "text_of"]
 
 #: Numbers beside a value that are known as well as it is.
-_ALIKE = ("median", "mean", "truth", "low", "high", "above", "below")
+_PREFIXES_OF_NUMBERS = ("median", "mean", "truth", "low", "high", "above", "below")
 _MANY = re.compile(r" / \(([^()]*)\)")
 
 
@@ -29,7 +29,7 @@ def format_table(
     table: Table,
     forms: Mapping[str, str] | None = None,
     *,
-    written: Callable[[str], str] | None = None,
+    write_name: Callable[[str], str] | None = None,
     digits: int = 4,
 ) -> tuple[list[str], list[list[str]]]:
     """Heads and rows of text: `value` and `sigma`, or `x` and `x_error`, are one cell with two digits of the error.
@@ -40,7 +40,7 @@ def format_table(
         Any.
     forms : dict of str to str, optional
         Formats of columns, by name.
-    written : callable, optional
+    write_name : callable, optional
         How the name of a column is written: in words unless given.
     digits : int
         How many digits a number without an error has.
@@ -68,27 +68,27 @@ def format_table(
         unit, values = table[name].unit, table[name].tolist()
         if name in errors:
             cells = [format_with_error(*item) for item in zip(values, table[errors[name]].tolist(), strict=True)]
-        elif form := (forms or {}).get(name):
-            cells = [format(item, form) for item in values]
+        elif number_format := (forms or {}).get(name):
+            cells = [format(item, number_format) for item in values]
         elif name.startswith("p_value"):
             cells = list(map(printed_p_value, values))
         elif name == "unit":
-            cells = list(map(unit_words, values))
+            cells = list(map(format_unit, values))
         elif name.startswith("correlation_"):
             cells = [f"{item:+.3f}" for item in values]
-        elif (name.startswith(_ALIKE) and "sigma" in table.colnames) or name == "sigma":
+        elif (name.startswith(_PREFIXES_OF_NUMBERS) and "sigma" in table.colnames) or name == "sigma":
             cells = [round_to_error(*item) for item in zip(values, table["sigma"].tolist(), strict=True)]
         else:
             cells = [format_cell(item, digits) for item in values]
         words = f"r({name.removeprefix('correlation_')})" if name.startswith("correlation_") else name.replace("_", " ")
-        head = words if written is None else written(name)
-        heads.append(f"{head} [{unit_words(unit)}]" if unit else head)
+        head = words if write_name is None else write_name(name)
+        heads.append(f"{head} [{format_unit(unit)}]" if unit else head)
         columns.append(cells)
     return heads, [list(row) for row in zip(*columns, strict=True)]
 
 
-def unit_words(unit: Any) -> str:
-    """A unit as a report has it: µas/yr, km/s/Mpc."""
+def format_unit(unit: Any) -> str:
+    """Format a unit as a report has it: µas/yr, km/s/Mpc."""
     if str(unit) == "uas2 / yr2":
         return "(µas/yr)²"
     return _MANY.sub(lambda m: "/" + "/".join(m[1].split()), str(unit).replace("uas", "µas")).replace(" / ", "/")
@@ -208,9 +208,9 @@ def text_of(sections: Iterable[Section]) -> str:
 def align_columns(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Lines of a table: words to the left, numbers to the right, two spaces before the first column."""
     columns = list(zip(heads, *rows, strict=True))
-    sides = ["<" if any(cell[:1].isalpha() for cell in column[1:]) else ">" for column in columns]
-    forms = [f"{side}{max(map(len, column))}" for side, column in zip(sides, columns, strict=True)]
-    return [f"  {'   '.join(map(format, line, forms))}".rstrip() for line in (heads, *rows)]
+    alignments = ["<" if any(cell[:1].isalpha() for cell in column[1:]) else ">" for column in columns]
+    formats = [f"{alignment}{max(map(len, column))}" for alignment, column in zip(alignments, columns, strict=True)]
+    return [f"  {'   '.join(map(format, cells, formats))}".rstrip() for cells in (heads, *rows)]
 
 
 def as_plain(value: Any) -> Any:
@@ -228,11 +228,11 @@ def as_plain(value: Any) -> Any:
         }
         return as_plain({"meta": dict(value.meta), "columns": columns})
     if isinstance(value, Mapping):
-        return {str(key): as_plain(item) for key, item in value.items()}
+        return {str(key): as_plain(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray | np.number | np.bool_):
         return as_plain(value.tolist())
     if isinstance(value, (list, tuple)):
-        return [as_plain(item) for item in value]
+        return [as_plain(entry) for entry in value]
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, str | int) else str(value)

@@ -14,7 +14,7 @@ __all__ = ["CANTAT_GAUDIN_BRANDT_2021"]
 #: From this magnitude on the frame does not turn.
 BRIGHT = 13.0
 #: Magnitudes up to which each spin holds, and the spin along the axes of the ICRS; beyond there is none. [µas/yr]
-_UP_TO = (9.0, 9.5, 10.0, 10.5, 11.0, 11.5, 11.75, 12.0, 12.25, 12.5, 12.75, BRIGHT)
+_UPPER_MAGNITUDES = (9.0, 9.5, 10.0, 10.5, 11.0, 11.5, 11.75, 12.0, 12.25, 12.5, 12.75, BRIGHT)
 _SPIN = np.array([
     [18.4, 33.8, -11.3], [14.0, 30.7, -19.4], [12.8, 31.4, -11.8], [13.6, 35.7, -10.5], [16.2, 50.0, 2.1],
     [19.4, 59.9, 0.2], [21.8, 64.2, 1.0], [17.7, 65.6, -1.9], [21.3, 74.8, 2.1], [25.7, 73.6, 1.0],
@@ -30,7 +30,7 @@ def published_spin(magnitude: ArrayLike) -> FloatArray:
     magnitude : array of any shape
         Magnitudes in G. The spin is zero from 13 on.
     """
-    return _SPIN[np.searchsorted(_UP_TO, magnitude, "right")]
+    return _SPIN[np.searchsorted(_UPPER_MAGNITUDES, magnitude, "right")]
 
 
 @arguments.accepts(field=arguments.a(Field))
@@ -59,9 +59,9 @@ def CANTAT_GAUDIN_BRANDT_2021(field: Field) -> FloatArray:
     [[2.9, 0.0], [68.9, 0.0]]
     """
     magnitude = np.full(len(field), np.nan) if field.magnitude is None else field.magnitude
-    if missing := int(np.isnan(magnitude).sum()):
+    if n_missing := int(np.isnan(magnitude).sum()):
         raise FieldError(
-            f"{missing} of {len(field)} sources have no magnitude, on which the frame of bright stars depends"
+            f"{n_missing} of {len(field)} sources have no magnitude, on which the frame of bright stars depends"
         )
     spin = rotation_matrix("icrs", field.frame) @ published_spin(magnitude).T
     p, q, _ = triad(field.lon, field.lat)

@@ -80,7 +80,7 @@ class FlatLCDM:
 #: Flat, Ω_m = 0.315, H0 = 67.3 km/s/Mpc: Bachchan, Hobbs & Lindegren (2016).
 FLAT_PLANCK13 = FlatLCDM(67.3, 0.315)
 #: More redshifts than this are interpolated.
-_EXACT = 1000
+_MOST_EXACT = 1000
 
 
 @accepts(hubble=positive)
@@ -119,19 +119,19 @@ def transverse_distance(
     redshift = float_array("redshift", redshift, finite=False)
     if not redshift.size:
         raise FieldError("there are no redshifts to take distances of")
-    good = usable_mask(redshift)
-    if not good.all():
+    is_usable = usable_mask(redshift)
+    if not is_usable.all():
         raise FieldError(
-            f"{(~good).sum()} of {redshift.size} redshifts give no distance: {describe_unusable(redshift)}. "
+            f"{(~is_usable).sum()} of {redshift.size} redshifts give no distance: {describe_unusable(redshift)}. "
             "Leave those sources out first: vsh.models.cosmology.with_redshift(field), or --on-bad drop"
         )
-    farthest = _exact_distance(np.linspace(redshift.min(), redshift.max(), 64), cosmology)
-    if not (farthest > 0).all():
+    grid_distances = _compute_distance(np.linspace(redshift.min(), redshift.max(), 64), cosmology)
+    if not (grid_distances > 0).all():
         raise FieldError(
             f"redshifts up to {redshift.max():.3g} reach beyond the antipode of this closed cosmology, where distances "
             "are not positive: leave them out, or lower its densities"
         )
-    distance = (_interpolate_distance if redshift.size > _EXACT else _exact_distance)(redshift, cosmology)
+    distance = (_interpolate_distance if redshift.size > _MOST_EXACT else _compute_distance)(redshift, cosmology)
     return distance if hubble is None else distance * (hubble_value(cosmology) / hubble)
 
 
@@ -149,8 +149,8 @@ def distance_modulus(distance: ArrayLike, redshift: ArrayLike) -> FloatArray:
     return 5 * np.log10(distance * (1 + float_array("redshift", redshift, distance.shape, False, True))) + 25
 
 
-def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> FloatArray:
-    """The redshift at each transverse comoving distance [Mpc], (n,); nan where the distance is.
+def compute_redshift(distance: ArrayLike, cosmology: Cosmology | None = None) -> FloatArray:
+    """Compute the redshift at each transverse comoving distance [Mpc], (n,); nan where the distance is.
 
     Below z = 10⁻⁴ by Hubble's law; not beyond the antipode of a closed cosmology, nor beyond z = 1000.
     """
@@ -158,12 +158,12 @@ def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> Floa
     from scipy.interpolate import make_interp_spline  # slow to import
 
     grid = np.geomspace(FLOW_LIMIT, 1000.0, 4000)
-    grid_distances = _exact_distance(grid, cosmology)
-    rising = slice(0, int(np.argmax(grid_distances)) + 1)
-    spline = make_interp_spline(np.log(grid_distances[rising]), np.log(grid[rising]), k=3)
+    grid_distances = _compute_distance(grid, cosmology)
+    rising_part = slice(0, int(np.argmax(grid_distances)) + 1)
+    spline = make_interp_spline(np.log(grid_distances[rising_part]), np.log(grid[rising_part]), k=3)
     distance = np.asarray(distance, float)
-    within = np.clip(distance, grid_distances[0], grid_distances[rising][-1])
-    return np.exp(spline(np.log(within))) * np.minimum(distance / grid_distances[0], 1)
+    clipped_distance = np.clip(distance, grid_distances[0], grid_distances[rising_part][-1])
+    return np.exp(spline(np.log(clipped_distance))) * np.minimum(distance / grid_distances[0], 1)
 
 
 def hubble_value(cosmology: Cosmology) -> float:
@@ -198,7 +198,7 @@ def _check_cosmology(cosmology):
     return cosmology
 
 
-def _exact_distance(redshift, cosmology):
+def _compute_distance(redshift, cosmology):
     if isinstance(cosmology, FlatLCDM):
         return cosmology.distance(redshift)
     return cosmology.comoving_transverse_distance(redshift).to_value("Mpc")
@@ -211,12 +211,12 @@ def _interpolate_distance(redshift, cosmology, accuracy=1e-9):
 
     nodes = 32
     while nodes <= 4096:
-        x = np.linspace(lower, upper, nodes + 1)
-        z = np.expm1(x)
-        spline = make_interp_spline(x, np.log(_exact_distance(z, cosmology) / z), k=5)
-        midpoints = (x[1:] + x[:-1]) / 2
+        log_nodes = np.linspace(lower, upper, nodes + 1)
+        z = np.expm1(log_nodes)
+        spline = make_interp_spline(log_nodes, np.log(_compute_distance(z, cosmology) / z), k=5)
+        midpoints = (log_nodes[1:] + log_nodes[:-1]) / 2
         z = np.expm1(midpoints)
-        if np.abs(spline(midpoints) - np.log(_exact_distance(z, cosmology) / z)).max() < accuracy / 4:
+        if np.abs(spline(midpoints) - np.log(_compute_distance(z, cosmology) / z)).max() < accuracy / 4:
             return redshift * np.exp(spline(np.log1p(redshift)))
         nodes *= 2
     raise ConvergenceError(f"the distances of {cosmology} are too rough to interpolate")
@@ -241,12 +241,12 @@ def velocity_in_frame(value: Any, frame: str) -> Vector:
         value = VELOCITIES[value]
     if not isinstance(value, Vector):
         try:
-            three = np.asarray(value, float)
+            components = np.asarray(value, float)
         except (TypeError, ValueError):
-            three = np.empty(0)
-        if three.shape != (3,):
+            components = np.empty(0)
+        if components.shape != (3,):
             raise ParameterError(f"a velocity has three components, not {value!r}")
-        value = Vector(three, np.zeros((3, 3)), frame, "km/s")
+        value = Vector(components, np.zeros((3, 3)), frame, "km/s")
     if not value.amplitude > 0:
         raise ParameterError(
             f"a velocity of {value.amplitude} km/s has no direction: a secular parallax cannot be scaled by it"
@@ -271,7 +271,7 @@ def velocity_from_apex(speed: float, l: float, b: float) -> Vector:
     ParameterError
         If the speed is not above zero, or the direction is none.
     """
-    speed, l, b = (number(name, x) for name, x in (("speed", speed), ("l", l), ("b", b)))
+    speed, l, b = (number(name, value) for name, value in (("speed", speed), ("l", l), ("b", b)))
     if not (0 < speed < 3e5 and abs(l) <= 360 and abs(b) <= 90):
         raise ParameterError(
             f"a velocity is SPEED,L,B: km/s above zero, Galactic longitude and latitude of the apex in degrees; not "
@@ -284,9 +284,9 @@ def velocity_from_apex(speed: float, l: float, b: float) -> Vector:
 SUN_IN_LOCAL_GROUP = Vector.from_spherical(316.0, 93.0, -4.0, frame="galactic", unit="km/s")
 #: Kogut et al. (1993, ApJ 419, 1): the velocity of the Local Group in the microwave background. [km/s]
 LOCAL_GROUP = Vector.from_spherical(627.0, 276.0, 30.0, (22.0, 3.0, 3.0), "galactic", "km/s")
-_NONE = Vector(np.zeros(3), np.zeros((3, 3)), "galactic", "km/s")
+_AT_REST = Vector(np.zeros(3), np.zeros((3, 3)), "galactic", "km/s")
 #: The Sun's velocity with respect to the observer at rest in each frame of redshifts. [km/s]
-REDSHIFT_FRAMES = {"heliocentric": _NONE, "cmb": CMB_VELOCITY_PLANCK18, "local-group": SUN_IN_LOCAL_GROUP}
+REDSHIFT_FRAMES = {"heliocentric": _AT_REST, "cmb": CMB_VELOCITY_PLANCK18, "local-group": SUN_IN_LOCAL_GROUP}
 
 
 def to_cmb(redshift: FloatArray, lon: FloatArray, lat: FloatArray, frame: str, redshift_frame: str) -> FloatArray:
@@ -315,8 +315,8 @@ def to_cmb(redshift: FloatArray, lon: FloatArray, lat: FloatArray, frame: str, r
     if redshift_frame == TRUE:
         return redshift
     r = triad(lon, lat)[2]
-    turn = rotation_matrix("galactic", frame)
-    toward = {name: turn @ REDSHIFT_FRAMES[name].value @ r / SPEED_OF_LIGHT for name in ("cmb", redshift_frame)}
+    rotation = rotation_matrix("galactic", frame)
+    toward = {name: rotation @ REDSHIFT_FRAMES[name].value @ r / SPEED_OF_LIGHT for name in ("cmb", redshift_frame)}
     return (1 + redshift) * (1 + toward["cmb"]) / (1 + toward[redshift_frame]) - 1
 
 
@@ -325,7 +325,7 @@ FLOW_LIMIT = 1e-4
 
 
 #: A redshift with a larger share of itself for its error tells less of the distance than the other sources do.
-_WORTH = 0.5
+_LARGEST_RELATIVE_ERROR = 0.5
 
 
 def select_certain_redshifts(field: Field) -> Field:
@@ -339,17 +339,17 @@ def select_certain_redshifts(field: Field) -> Field:
     if field.redshift is None or field.redshift_error is None:
         return field
     with np.errstate(invalid="ignore"):
-        bad = np.asarray(field.redshift_error) > _WORTH * np.asarray(field.redshift)
+        is_uncertain = np.asarray(field.redshift_error) > _LARGEST_RELATIVE_ERROR * np.asarray(field.redshift)
     if field.distance is not None:
-        bad &= ~np.isfinite(field.distance)
-    if not bad.any() or bad.all():
+        is_uncertain &= ~np.isfinite(field.distance)
+    if not is_uncertain.any() or is_uncertain.all():
         return field
-    names = np.flatnonzero(bad)[:5] if field.name is None else field.name[bad][:5]
-    reasons = {f"with an error above {_WORTH:g} of it": int(bad.sum())}
+    names = np.flatnonzero(is_uncertain)[:5] if field.name is None else field.name[is_uncertain][:5]
+    reasons = {f"with an error above {_LARGEST_RELATIVE_ERROR:g} of it": int(is_uncertain.sum())}
     note = UnusableRedshifts.of_table(
         reasons, len(field), field.lon, field.redshift, names=tuple(map(one_line_text, names))
     )
-    return field[~bad].add_note(note)
+    return field[~is_uncertain].add_note(note)
 
 
 def usable_mask(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> BoolArray:
@@ -360,11 +360,11 @@ def usable_mask(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> BoolAr
 
 def describe_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> str:
     """Describe how many redshifts cannot be used, and why."""
-    counts = unusable_counts(redshift, min_redshift)
+    counts = count_unusable(redshift, min_redshift)
     return ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
 
 
-def unusable_counts(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> dict[str, int]:
+def count_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> dict[str, int]:
     """Count the redshifts that cannot be used, by reason."""
     redshift = np.asarray(redshift, float)
     return {
@@ -404,19 +404,19 @@ def with_redshift(
     redshift = np.asarray(field.redshift)
     if frame is not None:
         redshift = to_cmb(redshift, field.lon, field.lat, field.frame, check_redshift_frame(frame))
-    good = np.isfinite(redshift) if missing_only else usable_mask(redshift, min_redshift)
-    if good.all():
+    is_usable = np.isfinite(redshift) if missing_only else usable_mask(redshift, min_redshift)
+    if is_usable.all():
         return field
-    redshift = np.where(good, min_redshift, redshift) if missing_only else redshift
-    bad = ~good
-    names = () if field.name is None else tuple(one_line_text(name) for name in field.name[bad][:5])
-    reasons = unusable_counts(redshift, min_redshift)
+    redshift = np.where(is_usable, min_redshift, redshift) if missing_only else redshift
+    is_bad = ~is_usable
+    names = () if field.name is None else tuple(one_line_text(name) for name in field.name[is_bad][:5])
+    reasons = count_unusable(redshift, min_redshift)
     note = UnusableRedshifts.of_table(reasons, len(field), field.lon, field.redshift, names=names)
-    if bad.all():
+    if is_bad.all():
         error = EmptyFieldError(
-            f"{bad.sum()} of {len(field)} sources without a usable redshift: "
+            f"{is_bad.sum()} of {len(field)} sources without a usable redshift: "
             f"{describe_unusable(redshift, min_redshift)}. No source is left"
         )
         error.notes = (note,)
         raise error
-    return field[good].add_note(note)
+    return field[is_usable].add_note(note)

@@ -47,7 +47,7 @@ __all__ = [
 
 
 #: Panels of 16 nodes in the integral over θ, at least, and the power by which they crowd towards zero.
-_PANELS, _GRADING = 250, 3
+_FEWEST_PANELS, _GRADING = 250, 3
 
 
 def d_plus(lmax: int, theta: ArrayLike) -> FloatArray:
@@ -55,12 +55,12 @@ def d_plus(lmax: int, theta: ArrayLike) -> FloatArray:
     x = np.cos(np.atleast_1d(np.asarray(theta, float)))
     values = np.empty((lmax, x.size))
     # Jacobi's polynomials with (0, 2), by their recurrence.
-    below, p = np.zeros_like(x), np.ones_like(x)
+    previous, p = np.zeros_like(x), np.ones_like(x)
     for n in range(lmax):
         values[n] = p
         k, c = n + 1, 2 * (n + 1) + 2
-        numerator = (c - 1) * (c * (c - 2) * x - 4) * p - 2 * (k - 1) * (k + 1) * c * below
-        below, p = p, numerator / (2 * k * (k + 2) * (c - 2))
+        numerator = (c - 1) * (c * (c - 2) * x - 4) * p - 2 * (k - 1) * (k + 1) * c * previous
+        previous, p = p, numerator / (2 * k * (k + 2) * (c - 2))
     return (1 + x) / 2 * values
 
 
@@ -75,21 +75,21 @@ def legendre(lmax: int, theta: ArrayLike) -> FloatArray:
     return eval_legendre(np.arange(lmax + 1)[:, None], np.cos(theta))
 
 
-def power_of(function: Callable[[FloatArray], FloatArray], lmax: int, kernel: Any = d_plus) -> FloatArray:
+def compute_power(function: Callable[[FloatArray], FloatArray], lmax: int, kernel: Any = d_plus) -> FloatArray:
     """P_l = 2π (2l + 1) ∫ V d⁺_l sin θ dθ of one kind, for l = 1 … lmax; or by another kernel. [(µas/yr)²]"""
-    node, weight = np.polynomial.legendre.leggauss(16)
-    panels = max(_PANELS, lmax)
-    u = ((np.arange(panels)[:, None] + (node + 1) / 2) / panels).ravel()
+    nodes, weights = np.polynomial.legendre.leggauss(16)
+    n_panels = max(_FEWEST_PANELS, lmax)
+    u = ((np.arange(n_panels)[:, None] + (nodes + 1) / 2) / n_panels).ravel()
     theta = np.pi * u**_GRADING
-    value = values_of(function, theta) * np.sin(theta) * _GRADING * np.pi * u ** (_GRADING - 1)
-    value *= np.tile(weight / (2 * panels), panels)
-    integrals = kernel(lmax, theta) @ value
+    integrand = evaluate_function(function, theta) * np.sin(theta) * _GRADING * np.pi * u ** (_GRADING - 1)
+    integrand *= np.tile(weights / (2 * n_panels), n_panels)
+    integrals = kernel(lmax, theta) @ integrand
     l = np.arange(lmax + 1 - len(integrals), lmax + 1)
     return 2 * np.pi * (2 * l + 1) * integrals
 
 
-def values_of(function: Callable[[FloatArray], FloatArray], theta: FloatArray) -> FloatArray:
-    """V at some angles, of their shape and finite. [(µas/yr)²]"""
+def evaluate_function(function: Callable[[FloatArray], FloatArray], theta: FloatArray) -> FloatArray:
+    """Evaluate V at some angles, of their shape and finite. [(µas/yr)²]"""
     if not callable(function):
         raise ParameterError(f"a covariance function V(θ) takes angles in rad, not {type(function).__name__}")
     return float_array("V(θ)", function(theta), theta.shape, broadcast=True)
@@ -237,9 +237,9 @@ class SpectrumOfKind(InNotebook):
         >>> Spectrum.from_covariance(LINDEGREN_2021).power(5)[0].round(1)
         array([218.3, 291.2, 306.9, 288.8, 257. ])
         """
-        values_of(function, np.array([0.1, 1.0]))
+        evaluate_function(function, np.array([0.1, 1.0]))
         name = name or f"of the covariance function {getattr(function, '__name__', 'V(θ)')}"
-        integrals = lru_cache(maxsize=16)(lambda lmax: zero_rounding_errors(power_of(function, lmax, cls._kernel)))
+        integrals = lru_cache(maxsize=16)(lambda lmax: zero_rounding_errors(compute_power(function, lmax, cls._kernel)))
         return cls(name, lambda lmax: cls._repeat_for_kinds(integrals(lmax)))
 
     @classmethod
@@ -261,9 +261,9 @@ class SpectrumOfKind(InNotebook):
         lmax = as_modes(lmax, self.mode_class).lmax
         powers = float_array(f"the spectrum {self.name}", self.law(lmax), (len(kinds), lmax + 1 - lowest))
         if (powers < 0).any():
-            row, place = np.argwhere(powers < 0)[0]
+            row, column = np.argwhere(powers < 0)[0]
             raise ParameterError(
-                f"the power of {kinds[row]}{place + lowest} is {powers[row, place]:.3g} in the spectrum "
+                f"the power of {kinds[row]}{column + lowest} is {powers[row, column]:.3g} in the spectrum "
                 f"{self.name}: no field has a negative power"
             )
         return powers
@@ -471,8 +471,8 @@ class Covariance(Frozen):
                 raise ParameterError(
                     f"the covariance has a negative variance: of component {rows[matrix[rows, rows] < 0][0]}"
                 )
-            size = np.sqrt(np.outer(np.diag(matrix)[rows], np.diag(matrix)))
-            if (np.abs(matrix[rows] - matrix[:, rows].T) > 1e-8 * size + 1e-300).any():
+            scale = np.sqrt(np.outer(np.diag(matrix)[rows], np.diag(matrix)))
+            if (np.abs(matrix[rows] - matrix[:, rows].T) > 1e-8 * scale + 1e-300).any():
                 raise ParameterError("the covariance is not symmetric")
         self._set(matrix=matrix)
 
@@ -553,7 +553,7 @@ def check_size(n_sources: int) -> None:
 
 
 def _read_matrix(path):
-    """The first image of two axes of a FITS file, an array of NumPy, or numbers as text, once its size is known."""
+    """Read the first image of two axes of a FITS file, a NumPy array, or numbers as text, once its size is known."""
     ending = path.suffix.lower()
     if ending in (".fits", ".fit"):
         from astropy.io import fits
@@ -615,19 +615,19 @@ def from_function(field: Field, function: Callable[[FloatArray], FloatArray]) ->
     p, q, r = triad(field.lon, field.lat)
     matrix = np.empty((2, n, 2, n))
 
-    def fill(block):
-        across = r[:, block].T @ r
+    def fill_block(block):
+        cosines = r[:, block].T @ r
         # Half the chord keeps small angles; the cosine alone loses them.
         chord = np.linalg.norm(r[:, block, None] - r[:, None], axis=0)
-        value = values_of(function, 2 * np.arcsin(np.minimum(chord / 2, 1.0)))
+        values = evaluate_function(function, 2 * np.arcsin(np.minimum(chord / 2, 1.0)))
         # The parallel transport of a from r to r': a − (a·r') (r + r')/(1 + r·r').
-        share = 1 / np.maximum(1 + across, 1e-300)
+        factor = 1 / np.maximum(1 + cosines, 1e-300)
         for i, a in enumerate((p, q)):
             for j, b in enumerate((p, q)):
-                transport = a[:, block].T @ b - (a[:, block].T @ r) * (r[:, block].T @ b) * share
-                matrix[i, block, j] = value * np.clip(transport, -1, 1)
+                transport = a[:, block].T @ b - (a[:, block].T @ r) * (r[:, block].T @ b) * factor
+                matrix[i, block, j] = values * np.clip(transport, -1, 1)
 
-    for _ in map_blocks(fill, n, max(16, 2**22 // n)):
+    for _ in map_blocks(fill_block, n, max(16, 2**22 // n)):
         pass
     full_matrix = matrix.reshape(2 * n, 2 * n)
     full_matrix[n:, :n] = full_matrix[:n, n:].T
@@ -677,15 +677,15 @@ def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Cova
         k = len(rows)
         if len(set(rows.tolist())) < k:
             raise ParameterError(f"block {number} names a source twice")
-        value = float_array(f"the covariance of block {number}", block_covariance)
-        if not value.ndim:
-            value = np.kron(np.eye(2), np.full((k, k), value))
-        if value.shape != (2 * k, 2 * k):
+        block_matrix = float_array(f"the covariance of block {number}", block_covariance)
+        if not block_matrix.ndim:
+            block_matrix = np.kron(np.eye(2), np.full((k, k), block_matrix))
+        if block_matrix.shape != (2 * k, 2 * k):
             raise ParameterError(
-                f"block {number} has {k} sources and a covariance of shape {value.shape}, not ({2 * k}, {2 * k})"
+                f"block {number} has {k} sources and a covariance of shape {block_matrix.shape}, not ({2 * k}, {2 * k})"
             )
-        indices = np.concatenate([rows, rows + n_sources])
-        matrix[np.ix_(indices, indices)] += value
+        matrix_rows = np.concatenate([rows, rows + n_sources])
+        matrix[np.ix_(matrix_rows, matrix_rows)] += block_matrix
     return Covariance(matrix)
 
 

@@ -108,15 +108,15 @@ class VelocityGrid(InNotebook):
         """
         from scipy.ndimage import map_coordinates  # slow to import
 
-        turn = rotation_matrix(frame, self.frame)
-        positions = turn @ triad(lon, lat)[2] * np.asarray(distance, float)
+        rotation = rotation_matrix(frame, self.frame)
+        positions = rotation @ triad(lon, lat)[2] * np.asarray(distance, float)
         inside = (np.abs(positions) <= self.half_width).all(0)
         size = self.velocity.shape[-1]
-        index = (positions + self.half_width) * ((size - 1) / (2 * self.half_width))
+        grid_indices = (positions + self.half_width) * ((size - 1) / (2 * self.half_width))
         components = np.stack(
-            [map_coordinates(component, index, order=1, cval=0.0, output=float) for component in self.velocity]
+            [map_coordinates(component, grid_indices, order=1, cval=0.0, output=float) for component in self.velocity]
         )
-        return turn.T @ np.where(inside, components, 0.0), inside
+        return rotation.T @ np.where(inside, components, 0.0), inside
 
     def write(self, path: PathName, *, overwrite: bool = False) -> None:
         """Write it as a file of NumPy, `path` ending in .npz, which `read_velocity_grid` reads.
@@ -249,7 +249,7 @@ class LinearTheory(Frozen):
 
     @cached_property
     def _spline(self):
-        return _spline_through(np.log(self.k), np.log(self.power))
+        return _fit_spline(np.log(self.k), np.log(self.power))
 
     @cached_property
     def _correlations(self):
@@ -266,11 +266,11 @@ class LinearTheory(Frozen):
             square, zeroth = kr * kr, np.sin(kr) / kr
             ratio = np.where(kr < 0.02, 1 / 3 - square / 30 + square**2 / 840, (zeroth - np.cos(kr)) / square)
             table[i] = weight @ (zeroth - 2 * ratio), weight @ ratio
-        return _spline_through(x, table), table
+        return _fit_spline(x, table), table
 
 
-def _spline_through(x, y):
-    """A cubic spline of what is tabulated."""
+def _fit_spline(x, y):
+    """Fit a cubic spline through what is tabulated."""
     from scipy.interpolate import make_interp_spline  # slow to import
 
     return make_interp_spline(x, y)
@@ -280,7 +280,7 @@ _K, _POWER = np.loadtxt(Path(__file__).with_name("planck2018_power.txt"), unpack
 #: Flat, Ω_m = 0.3111, σ_8 = 0.8102: Planck Collaboration (2020, A&A 641, A6), with f = Ω_m^0.55.
 LINEAR_PLANCK18 = LinearTheory(_K, _POWER, 0.3111**0.55, "linear ΛCDM, Planck 2018")
 #: Shells in which the density of galaxies is counted, and how far beyond the farthest the cube goes.
-_SHELLS, _MARGIN = 16, 1.6
+_N_SHELLS, _MARGIN = 16, 1.6
 
 
 def flow_of_galaxies(
@@ -338,47 +338,47 @@ def flow_of_galaxies(
     if len(lon) < 100 or not (distance > 0).all():
         raise ParameterError(f"a density takes a hundred galaxies with distances above zero, not {len(lon)}")
     farthest = float(distance.max())
-    half = _MARGIN * farthest
-    step = 2 * half / size
+    half_width = _MARGIN * farthest
+    step = 2 * half_width / size
     if step > smoothing:
-        least = int(np.ceil(2 * half / smoothing))
-        raise ParameterError(f"cells of {step:.2g} Mpc/h are wider than the smoothing: take a size of {least}")
-    edges = np.linspace(-half, half, size + 1)
+        fewest_points = int(np.ceil(2 * half_width / smoothing))
+        raise ParameterError(f"cells of {step:.2g} Mpc/h are wider than the smoothing: take a size of {fewest_points}")
+    edges = np.linspace(-half_width, half_width, size + 1)
     counts, _ = np.histogramdd((triad(lon, lat)[2] * distance).T, bins=(edges,) * 3)
-    middle = (edges[1:] + edges[:-1]) / 2
-    cells = np.stack(np.meshgrid(middle, middle, middle, indexing="ij"))
+    cell_centres = (edges[1:] + edges[:-1]) / 2
+    cells = np.stack(np.meshgrid(cell_centres, cell_centres, cell_centres, indexing="ij"))
     radius = np.sqrt(np.sum(cells**2, 0))
-    is_seen, share = radius < farthest, 1.0
+    is_seen, visible_share = radius < farthest, 1.0
     if visible is not None:
         visible = np.asarray(visible, bool)
         nside = check_nside(round(np.sqrt(visible.size / 12)))
         if visible.shape != (12 * nside**2,):
             raise ParameterError(f"visible is a HEALPix map, of 12 nside² pixels, not of shape {visible.shape}")
         is_seen &= visible[pixels_of(*angles(cells.reshape(3, -1)), nside)].reshape(radius.shape)
-        share = float(visible.mean())
+        visible_share = float(visible.mean())
         distance = distance[visible[pixels_of(lon, lat, nside)]]
-    shells = farthest * np.linspace(0, 1, _SHELLS + 1) ** (1 / 3)
-    volume = 4 / 3 * np.pi * share * np.diff(shells**3)
+    shells = farthest * np.linspace(0, 1, _N_SHELLS + 1) ** (1 / 3)
+    volume = 4 / 3 * np.pi * visible_share * np.diff(shells**3)
     at = ((shells[1:] ** 3 + shells[:-1] ** 3) / 2) ** (1 / 3)
     density = np.histogram(distance, shells)[0] / volume
     has_galaxies = density > 0
     cubic = np.polyfit(at[has_galaxies], np.log(density[has_galaxies]), 3, w=np.sqrt((density * volume)[has_galaxies]))
-    mean = np.exp(np.polyval(cubic, np.clip(radius, at[0], at[-1]))) * step**3
-    contrast = np.where(is_seen, counts / mean - 1, 0.0)
+    mean_counts = np.exp(np.polyval(cubic, np.clip(radius, at[0], at[-1]))) * step**3
+    contrast = np.where(is_seen, counts / mean_counts - 1, 0.0)
     contrast[is_seen] -= contrast[is_seen].mean()
     k = wave_vectors(size, step)
     smoothed = np.fft.rfftn(contrast) * np.exp(-np.sum(k**2, 0) * smoothing**2 / 2)
-    return VelocityGrid(velocities_of(smoothed, k, beta), half - step / 2, frame)
+    return VelocityGrid(compute_velocities(smoothed, k, beta), half_width - step / 2, frame)
 
 
 def wave_vectors(size: int, step: float) -> FloatArray:
     """Wave vectors of the Fourier transform of a real field on a cube of `size`³ cells, (3, size, size, size/2 + 1)."""
-    waves = 2 * np.pi * np.fft.fftfreq(size, step)
-    return np.stack(np.meshgrid(waves, waves, np.abs(waves[: size // 2 + 1]), indexing="ij"))
+    wave_numbers = 2 * np.pi * np.fft.fftfreq(size, step)
+    return np.stack(np.meshgrid(wave_numbers, wave_numbers, np.abs(wave_numbers[: size // 2 + 1]), indexing="ij"))
 
 
-def velocities_of(density: FloatArray, k: FloatArray, beta: float) -> FloatArray:
-    """Velocities of linear theory on a cube, (3, size, size, size), v(k) = i β H δ(k) k/k². [km/s]"""
+def compute_velocities(density: FloatArray, k: FloatArray, beta: float) -> FloatArray:
+    """Compute velocities of linear theory on a cube, (3, size, size, size), v(k) = i β H δ(k) k/k². [km/s]"""
     square = np.sum(k**2, 0)
     square[0, 0, 0] = 1.0  # a uniform density pulls nowhere
     pull, shape = 1j * beta * HUBBLE * density / square, (k.shape[1],) * 3
@@ -389,7 +389,7 @@ def velocities_of(density: FloatArray, k: FloatArray, beta: float) -> FloatArray
 FARTHEST = 600.0
 #: Below this distance the modes are as here. [Mpc/h]
 _NEAREST = 2.0
-_RADII = 160
+_N_RADII = 160
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -443,13 +443,13 @@ class FlowModes(Frozen):
             Outwards. [km/s]
         """
         across, along = self._interpolate_functions(np.asarray(distance, float))
-        return self._mode_velocities(np.asarray(lon, float), np.asarray(lat, float), across, along)
+        return self._compute_mode_velocities(np.asarray(lon, float), np.asarray(lat, float), across, along)
 
     def at_origin(self) -> FloatArray:
         """Velocity where we are by each mode, (3, p), along the axes of the positions. [km/s]"""
         lon, lat = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2])  # along x, y and z
         functions = np.broadcast_to(self.origin, (3, self.origin.size))
-        return self._mode_velocities(lon, lat, np.zeros_like(functions), functions)[1]
+        return self._compute_mode_velocities(lon, lat, np.zeros_like(functions), functions)[1]
 
     def left(self, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The variance of velocities that the modes leave, in each tangential component and in the radial one.
@@ -472,14 +472,14 @@ class FlowModes(Frozen):
 
     @cached_property
     def _spline(self):
-        return _spline_through(np.log(self.radii), np.hstack([self.tangential, self.radial]))
+        return _fit_spline(np.log(self.radii), np.hstack([self.tangential, self.radial]))
 
     @cached_property
     def _tangential_spline(self):
-        return _spline_through(np.log(self.radii), self.tangential)
+        return _fit_spline(np.log(self.radii), self.tangential)
 
     def _interpolate_functions(self, distance):
-        """The functions of distance at sources: two (n, f) arrays; zero beyond the last radius."""
+        """Interpolate the functions of distance at sources: two (n, f) arrays; zero beyond the last radius."""
         return np.split(self._interpolate(self._spline, distance), 2, axis=1)
 
     def _interpolate(self, spline, distance):
@@ -510,17 +510,17 @@ class FlowModes(Frozen):
         for axis in range(2):  # S is (−n, e) of T
             np.multiply(t[:, 0], turn[axis, 1], out=harmonics[:, axis])
             harmonics[:, axis] -= turn[axis, 0] * t[:, 1]
-        return self._times(harmonics, across, 1)
+        return self._multiply(harmonics, across, 1)
 
-    def _mode_velocities(self, lon, lat, across, along):
-        """Functions of distance times harmonics, normalised to one over the sphere."""
-        top = len(self.counts) - 1
-        y = scalar_harmonics(lon, lat, top)
-        s = spheroidal_twin(toroidal_harmonics(lon, lat, max(top, 1)))
-        return self._times(s, across, 1).transpose(1, 2, 0), self._times(y[:, None], along, 0)[:, 0].T
+    def _compute_mode_velocities(self, lon, lat, across, along):
+        """Compute functions of distance times harmonics, normalised to one over the sphere."""
+        lmax = len(self.counts) - 1
+        y = scalar_harmonics(lon, lat, lmax)
+        s = spheroidal_twin(toroidal_harmonics(lon, lat, max(lmax, 1)))
+        return self._multiply(s, across, 1).transpose(1, 2, 0), self._multiply(y[:, None], along, 0)[:, 0].T
 
-    def _times(self, harmonics, functions, lowest):
-        """Harmonics from a lowest degree on, (m, c, n), times functions of distance, (n, f): the modes, (p, c, n)."""
+    def _multiply(self, harmonics, functions, lowest):
+        """Multiply harmonics from a lowest degree on, (m, c, n), by functions of distance, (n, f): modes, (p, c, n)."""
         modes = np.empty((len(self), *harmonics.shape[1:]))
         column = start = 0
         functions = functions.T
@@ -578,13 +578,13 @@ def flow_modes(
     if n_modes < 3:
         raise ParameterError(f"n_modes must be at least 3, not {n_modes}: the first three are the bulk flow")
     nearest, farthest = max(nearest, _NEAREST), min(max(farthest, 1.5 * _NEAREST), FARTHEST)
-    return _chosen_modes(nearest, farthest, n_modes, theory, max_degree)
+    return _choose_modes(nearest, farthest, n_modes, theory, max_degree)
 
 
 @lru_cache(maxsize=64)  # reused for many realisations of the same sources
-def _chosen_modes(nearest, farthest, n_modes, theory, max_degree):
-    radii = np.geomspace(nearest, farthest, _RADII)
-    k, step = _wave_numbers(farthest)
+def _choose_modes(nearest, farthest, n_modes, theory, max_degree):
+    radii = np.geomspace(nearest, farthest, _N_RADII)
+    k, step = _make_wave_numbers(farthest)
     amplitude = theory.growth_rate * HUBBLE * np.sqrt(2 / np.pi * theory.power_at(k) * step) / k
     weight = np.sqrt(np.gradient(radii)) * radii
     weight /= np.sqrt(np.sum(weight**2))
@@ -594,16 +594,16 @@ def _chosen_modes(nearest, farthest, n_modes, theory, max_degree):
     slope = -spherical_jn(1, kr)
     for l in range(max_degree + 1):
         if l:
-            below, bessel = bessel, spherical_jn(l, kr)
-            slope = below - (l + 1) / kr * bessel
+            previous_bessel, bessel = bessel, spherical_jn(l, kr)
+            slope = previous_bessel - (l + 1) / kr * bessel
         tangential = np.sqrt(l * (l + 1)) * bessel / radii[:, None] * amplitude
         radial = slope * k * amplitude
         matrix = np.vstack([tangential, radial]) * np.tile(weight, 2)[:, None]
-        _, singular, right = np.linalg.svd(matrix, full_matrices=False)
+        _, singular_values, right_vectors = np.linalg.svd(matrix, full_matrices=False)
         origin = k / 3 * amplitude if l == 1 else np.zeros_like(k)
-        leading = right[: n_modes // (2 * l + 1) + 1].T
-        powers.append(singular[: leading.shape[1]] ** 2)
-        functions.append((tangential @ leading, radial @ leading, origin @ leading))
+        leading_vectors = right_vectors[: n_modes // (2 * l + 1) + 1].T
+        powers.append(singular_values[: leading_vectors.shape[1]] ** 2)
+        functions.append((tangential @ leading_vectors, radial @ leading_vectors, origin @ leading_vectors))
         # No function of a higher degree has more power than the first of this one: the selection is complete.
         if l > 1 and sum((2 * k + 1) * np.sum(power > powers[l][0]) for k, power in enumerate(powers)) >= n_modes:
             break
@@ -613,12 +613,12 @@ def _chosen_modes(nearest, farthest, n_modes, theory, max_degree):
     order = np.r_[bulk, order[order != bulk]]
     order = order[np.cumsum(2 * degree[order] + 1) <= n_modes]
     selection = order[np.lexsort([-power[order], degree[order]])]
-    selected = (np.concatenate(each, axis=-1)[..., selection] for each in zip(*functions, strict=True))
+    selected = (np.concatenate(columns, axis=-1)[..., selection] for columns in zip(*functions, strict=True))
     return FlowModes(theory, tuple(np.bincount(degree[selection]).tolist()), radii, *selected)
 
 
-def _wave_numbers(farthest, highest=0.6):
-    """Wave numbers and the step at each: even in ln k where k is small, and fine enough for the largest distance."""
+def _make_wave_numbers(farthest, highest=0.6):
+    """Make wave numbers and the step at each: even in ln k where k is small, fine enough for the largest distance."""
     small = np.geomspace(2e-4, 0.02, 40)
     edges = np.sqrt(small[1:] * small[:-1])
     step = min(0.004, 0.6 / farthest)

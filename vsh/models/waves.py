@@ -42,18 +42,18 @@ def wave_motions(lon: ArrayLike, lat: ArrayLike, direction: ArrayLike, plus: flo
     """
     k, lon = unit_vector(direction), np.atleast_1d(float_array("lon", lon))
     p, q, r = triad(lon, float_array("lat", np.atleast_1d(lat), lon.shape))
-    along = number("plus", plus) * _strain_tensor(k, 1, 0) + number("cross", cross) * _strain_tensor(k, 0, 1)
-    strain = along @ r
-    numerator = np.sum(r * strain, axis=0)
+    tensor = number("plus", plus) * _make_strain_tensor(k, 1, 0) + number("cross", cross) * _make_strain_tensor(k, 0, 1)
+    strained = tensor @ r
+    numerator = np.sum(r * strained, axis=0)
     denominator = 1 + k @ r
     # Where the wave comes from, both rᵀhr and 1 + k·r are zero to second order: the quotient is finite, and r + k zero.
     with np.errstate(divide="ignore", invalid="ignore"):
-        bent = np.where(denominator > 1e-12, numerator / denominator, 0.0)
-    motion = ((r + k[:, None]) * bent - strain) / 2
+        quotient = np.where(denominator > 1e-12, numerator / denominator, 0.0)
+    motion = ((r + k[:, None]) * quotient - strained) / 2
     return np.stack([np.sum(motion * p, axis=0), np.sum(motion * q, axis=0)])
 
 
-def _strain_tensor(k, plus, cross):
+def _make_strain_tensor(k, plus, cross):
     lon, lat = angles(k)
     east, north, _ = triad(lon, lat)
     south = -north
@@ -64,10 +64,10 @@ def _strain_tensor(k, plus, cross):
 
 def unit_vector(direction: ArrayLike) -> FloatArray:
     """A direction as a unit vector, (3,)."""
-    towards = float_array("direction", direction, (3,))
-    if not np.linalg.norm(towards) > 0:
+    vector = float_array("direction", direction, (3,))
+    if not np.linalg.norm(vector) > 0:
         raise ParameterError("direction is where the wave travels to: a vector of some length")
-    return towards / np.linalg.norm(towards)
+    return vector / np.linalg.norm(vector)
 
 
 def degree_amplitudes(lmax: int) -> FloatArray:
@@ -103,14 +103,14 @@ def wave_templates(directions: FloatArray, lmax: int) -> FloatArray:
     """The coefficients of both polarisations for many directions, (2, p, n)."""
     modes, amplitude = Modes(lmax), degree_amplitudes(lmax)
     lon, lat = angles(directions)
-    tilts, of = np.unique(np.pi / 2 - lat, return_inverse=True)
+    tilts, index = np.unique(np.pi / 2 - lat, return_inverse=True)
     templates = np.zeros((2, len(modes), directions.shape[1]))
     for l in range(2, lmax + 1):
-        re, im = 2 * 2 - 1, 2 * 2  # of order 2 within a degree
+        re_row, im_row = 2 * 2 - 1, 2 * 2  # of order 2 within a degree
         columns = np.zeros((2 * l + 1, 4))  # of T and S, plus and cross
-        for column, (row, sign) in enumerate(((im, 1), (re, 1), (re, -1), (im, 1))):
+        for column, (row, sign) in enumerate(((im_row, 1), (re_row, 1), (re_row, -1), (im_row, 1))):
             columns[row, column] = sign * amplitude[l - 1]
-        tilted_columns = np.array([degree_matrix(l, np.array([0.0, tilt, 0.0])) @ columns for tilt in tilts])[of]
+        tilted_columns = np.array([degree_matrix(l, np.array([0.0, tilt, 0.0])) @ columns for tilt in tilts])[index]
         coefficients = _rotate_about_z(tilted_columns, lon, l)
         for polarisation in range(2):
             templates[polarisation, modes.slice_of("T", l)] = coefficients[:, :, polarisation].T
@@ -120,14 +120,14 @@ def wave_templates(directions: FloatArray, lmax: int) -> FloatArray:
 
 def _rotate_about_z(values, angle, l):
     """Coefficients of one degree, (n, 2l + 1, …), turned about z by an angle each: f e^{−imφ}."""
-    result = values.copy()
+    rotated = values.copy()
     m = np.arange(1, l + 1)
-    cos, sin = (f(np.multiply.outer(angle, m))[..., None] for f in (np.cos, np.sin))
+    cos, sin = (function(np.multiply.outer(angle, m))[..., None] for function in (np.cos, np.sin))
     re, im = values[:, 1::2], values[:, 2::2]
-    result[:, 1::2], result[:, 2::2] = cos * re + sin * im, cos * im - sin * re
-    return result
+    rotated[:, 1::2], rotated[:, 2::2] = cos * re + sin * im, cos * im - sin * re
+    return rotated
 
 
-def strain_of(rate: ArrayLike, frequency: float) -> FloatArray:
+def compute_strain(rate: ArrayLike, frequency: float) -> FloatArray:
     """The amplitude of the strain of a wave of a frequency whose rate is seen, h = ḣ/2πf."""
     return float_array("rate", rate) * UAS / JULIAN_YEAR / (2 * np.pi * 1e-9 * positive("frequency", frequency))

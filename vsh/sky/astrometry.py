@@ -64,14 +64,14 @@ def propagate(
     radial_rate = np.sum(r_end * rate, 0)
     across = f * (rate - r_end * radial_rate)
     if light_time:
-        later = _propagate_with_erfa(lon, lat, parallax, motion, velocity, start, end)
+        propagated = _propagate_with_erfa(lon, lat, parallax, motion, velocity, start, end)
     else:
         new_lon, new_lat = angles(r_end)
         p_end, q_end, _ = triad(new_lon, new_lat)
-        later = np.stack(
+        propagated = np.stack(
             [new_lon, new_lat, parallax * f, np.sum(p_end * across, 0) / UAS, np.sum(q_end * across, 0) / UAS]
         )
-    p_end, q_end, _ = triad(later[0], later[1])
+    p_end, q_end, _ = triad(propagated[0], propagated[1])
     jacobian = np.empty((len(lon), 5, 5))
     by_parallax = velocity / AU_PER_YEAR * r
     # The local axes turn with the position, and so the components of the motion change.
@@ -91,12 +91,12 @@ def propagate(
             drate - dr * radial_rate - r_end * (np.sum(dr * rate, 0) + np.sum(r_end * drate, 0))
         )
         east = np.sum(p_end * dr, 0)
-        turn = np.tan(later[1]) * east * np.stack([np.sum(q_end * across, 0), -np.sum(p_end * across, 0)])
+        turn = np.tan(propagated[1]) * east * np.stack([np.sum(q_end * across, 0), -np.sum(p_end * across, 0)])
         jacobian[:, 0, k], jacobian[:, 1, k] = east, np.sum(q_end * dr, 0)
         jacobian[:, 2, k] = dparallax * f + parallax * UAS * df
         jacobian[:, 3, k] = np.sum(p_end * dacross, 0) + turn[0]
         jacobian[:, 4, k] = np.sum(q_end * dacross, 0) + turn[1]
-    return later, jacobian
+    return propagated, jacobian
 
 
 def add_positions(covariance: ArrayLike, position_covariance: ArrayLike, years: ArrayLike) -> FloatArray:
@@ -142,20 +142,20 @@ def _propagate_with_erfa(lon, lat, parallax, motion, velocity, start, end):
     """Propagate with ERFA; its warning that it replaces a zero or negative parallax is ignored."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", erfa.ErfaWarning)
-        result = erfa.pmsafe(
+        propagated = erfa.pmsafe(
             lon, lat, motion[0] * UAS / np.cos(lat), motion[1] * UAS, np.maximum(parallax, 0) * UAS / _ARCSEC, velocity,
             2451545.0, (start - 2000.0) * 365.25, 2451545.0, (end - 2000.0) * 365.25,
         )  # fmt: skip
-    new_lon, new_lat, by_lon, by_lat, new_parallax, _ = result
+    new_lon, new_lat, lon_motion, lat_motion, new_parallax, _ = propagated
     # ERFA replaces parallaxes that are zero, and those of stars that would move at a hundredth of the speed of light.
-    replaced = parallax * UAS / _ARCSEC < np.maximum(1e-6, 327 * np.hypot(*motion) * UAS)
+    is_replaced = parallax * UAS / _ARCSEC < np.maximum(1e-6, 327 * np.hypot(*motion) * UAS)
     return np.stack(
         [
             new_lon % (2 * np.pi),
             new_lat,
-            np.where(replaced, parallax, new_parallax * _ARCSEC / UAS),
-            by_lon * np.cos(new_lat) / UAS,
-            by_lat / UAS,
+            np.where(is_replaced, parallax, new_parallax * _ARCSEC / UAS),
+            lon_motion * np.cos(new_lat) / UAS,
+            lat_motion / UAS,
         ]
     )
 
@@ -259,24 +259,24 @@ class AstrometryRows(Frozen):
         shapes: dict[str, tuple[int, ...]] = {"motion": (2, n), "covariance": (n, 5, 5)}
         check_shapes(columns, lambda column: shapes.get(column, (n,)))
         self._set(**columns)
-        self._check()
+        self._check_rows()
 
-    def _check(self):
+    def _check_rows(self):
         """Raise FieldError if rows cannot be used, with the number of rows and the first row for each reason."""
         is_measured = self.measured
-        bad = {
+        unusable_rows = {
             "no epoch": ~np.isfinite(self.epoch) | (np.abs(self.epoch - 2000) > 1000),
             "nothing measured that has an error": ~is_measured.any(1),
             "|dec| > 90°": np.abs(self.lat) > np.pi / 2 * (1 + 1e-14),
             "a position with only one coordinate": is_measured[:, 0] != is_measured[:, 1],
-            "a covariance that is not positive definite": ~self._is_positive_definite(is_measured),
+            "a covariance that is not positive definite": ~self._find_positive_definite(is_measured),
         }
-        _, inverse, count = np.unique(self._keys(), axis=0, return_inverse=True, return_counts=True)
-        bad["the same row twice"] = count[inverse.ravel()] > 1
+        _, inverse, count = np.unique(self._find_keys(), axis=0, return_inverse=True, return_counts=True)
+        unusable_rows["the same row twice"] = count[inverse.ravel()] > 1
         messages = [
             f"{reason}: {int(mask.sum())} ({one_line_text(self.name[mask][0])} in {self.catalogue[mask][0]}, "
             f"row {int(mask.argmax())})"
-            for reason, mask in bad.items()
+            for reason, mask in unusable_rows.items()
             if mask.any()
         ]
         if messages:
@@ -285,20 +285,20 @@ class AstrometryRows(Frozen):
                 "Correct them or leave them out"
             )
 
-    def _keys(self):
+    def _find_keys(self):
         """Return the values that identify each row; rows with equal values are duplicates."""
         catalogue_index = np.unique(self.catalogue, return_inverse=True)[1].ravel()
         return np.nan_to_num(np.column_stack([self.source, catalogue_index, self.epoch, self.values.T]), nan=-1e300)
 
-    def _is_positive_definite(self, is_measured):
+    def _find_positive_definite(self, is_measured):
         pair_mask = is_measured[:, :, None] & is_measured[:, None, :]
         diagonal = np.eye(5, dtype=bool)
         sigma = np.sqrt(np.where(is_measured, np.diagonal(self.covariance, axis1=1, axis2=2), 1.0))
         matrix = np.where(pair_mask, self.covariance, diagonal) / (sigma[:, :, None] * sigma[:, None, :])
-        usable = np.isfinite(matrix).all((1, 2))
-        matrix = np.where(usable[:, None, None], matrix, np.eye(5))
-        symmetric = np.abs(matrix - matrix.transpose(0, 2, 1)).max((1, 2)) < _SINGULAR
-        return usable & symmetric & (np.linalg.eigvalsh(matrix)[:, 0] > _SINGULAR)
+        is_finite = np.isfinite(matrix).all((1, 2))
+        matrix = np.where(is_finite[:, None, None], matrix, np.eye(5))
+        is_symmetric = np.abs(matrix - matrix.transpose(0, 2, 1)).max((1, 2)) < _SINGULAR
+        return is_finite & is_symmetric & (np.linalg.eigvalsh(matrix)[:, 0] > _SINGULAR)
 
     def __len__(self) -> int:
         return self.name.size

@@ -48,7 +48,7 @@ def check_frame(name: str) -> str:
 
 def coordinate_columns(coord: Any, error: type[Exception] = FrameError) -> tuple[dict[str, Any], str]:
     """Positions of an astropy SkyCoord, motions and distances where it has them, in Gaia's names; and their frame."""
-    frame_names = {theirs: ours for ours, theirs in FRAMES.items()}
+    frame_names = {astropy_name: our_name for our_name, astropy_name in FRAMES.items()}
     frame = coord.frame.name
     if frame not in frame_names:
         raise error(
@@ -57,8 +57,8 @@ def coordinate_columns(coord: Any, error: type[Exception] = FrameError) -> tuple
     position = coord.spherical
     columns = {"ra": position.lon.to("deg"), "dec": position.lat.to("deg")}
     if "s" in coord.frame.data.differentials:
-        moves = coord.sphericalcoslat.differentials["s"]
-        columns |= {"pmra": moves.d_lon_coslat.to("mas / yr"), "pmdec": moves.d_lat.to("mas / yr")}
+        motions = coord.sphericalcoslat.differentials["s"]
+        columns |= {"pmra": motions.d_lon_coslat.to("mas / yr"), "pmdec": motions.d_lat.to("mas / yr")}
     if position.distance.unit.is_equivalent("m"):
         columns["distance"] = position.distance
     return {name: np.ravel(values) for name, values in columns.items()}, frame_names[frame]
@@ -81,7 +81,7 @@ def rotation_matrix(frame: str, to: str) -> FloatArray:
     >>> rotation_matrix("galactic", "icrs")[:, 0].round(4)
     array([-0.0549, -0.8734, -0.4838])
     """
-    return _rotation(check_frame(frame), check_frame(to))
+    return _compute_rotation(check_frame(frame), check_frame(to))
 
 
 #: From ICRS, as astropy has them: its Galactic frame, and the mean ecliptic and equinox of J2000 (IAU 2006).
@@ -97,7 +97,7 @@ _FROM_ICRS = {
 
 
 @lru_cache
-def _rotation(frame, target):
+def _compute_rotation(frame, target):
     matrix = np.eye(3) if frame == target else _FROM_ICRS[target] @ _FROM_ICRS[frame].T
     matrix.flags.writeable = False
     return matrix
@@ -129,7 +129,7 @@ REDSHIFT_FRAME_KEY = "ZFRAME"
 REDSHIFT_FRAME_COLUMN = "redshift_frame"
 #: Observers of redshifts: the Sun, one at rest in the microwave background, one in the Local Group.
 REDSHIFT_FRAME_NAMES = ("heliocentric", "cmb", "local-group", TRUE)
-_WORDS = (
+_REDSHIFT_FRAME_PATTERNS = (
     (re.compile(r"helioc|baryc|geoc", re.IGNORECASE), "heliocentric"),
     (re.compile(r"\bcmb\b|microwave background|3\s?K\b", re.IGNORECASE), "cmb"),
     (re.compile(r"local[ -]group", re.IGNORECASE), "local-group"),
@@ -148,7 +148,7 @@ def check_redshift_frame(value: Any) -> str:
 
 def redshift_frame_in(description: str | None) -> str | None:
     """The frame of redshifts that a column's description tells, if it does."""
-    frames = {name for pattern, name in _WORDS if pattern.search(description or "")}
+    frames = {name for pattern, name in _REDSHIFT_FRAME_PATTERNS if pattern.search(description or "")}
     return frames.pop() if len(frames) == 1 else None
 
 

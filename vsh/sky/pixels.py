@@ -83,12 +83,12 @@ def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, 
     check_nside(nside)
     if (density < 0).any() or not density.sum() > 0:
         raise FieldError("the density of a map must not be negative, and not zero everywhere")
-    pixel = rng.choice(density.size, n, p=density / density.sum())
+    pixels = rng.choice(density.size, n, p=density / density.sum())
     # Evenly within a pixel: one of its 4^k children, then a shift below their size. In nested order
     # a pixel's children are consecutive.
-    finer = max(1, min(8192, 2**29 // nside) // nside)
-    child = Healpix_Base(nside, "RING").ring2nest(pixel) * finer**2 + rng.integers(finer**2, size=n)
-    theta, phi = Healpix_Base(nside * finer, "NEST").pix2ang(child).T
+    nside_ratio = max(1, min(8192, 2**29 // nside) // nside)
+    children = Healpix_Base(nside, "RING").ring2nest(pixels) * nside_ratio**2 + rng.integers(nside_ratio**2, size=n)
+    theta, phi = Healpix_Base(nside * nside_ratio, "NEST").pix2ang(children).T
     return phi, np.pi / 2 - theta
 
 

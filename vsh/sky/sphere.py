@@ -97,16 +97,16 @@ def widest_gap(lon: FloatArray, lat: FloatArray, most: int = 10_000) -> tuple[fl
         How many are looked at; the gap of fewer is as wide or wider.
     """
     selection = select_share(most / max(len(lon), 1), lon, lat)
-    places = _spiral_directions()
-    nearest = (triad(lon[selection], lat[selection])[2].T @ places).max(0, initial=-1.0)
-    widest = int(nearest.argmin())
-    center_lon, center_lat = angles(places[:, widest])
-    return float(np.arccos(np.clip(nearest[widest], -1, 1))), float(center_lon), float(center_lat)
+    directions = _make_spiral_directions()
+    cosines = (triad(lon[selection], lat[selection])[2].T @ directions).max(0, initial=-1.0)
+    widest = int(cosines.argmin())
+    gap_lon, gap_lat = angles(directions[:, widest])
+    return float(np.arccos(np.clip(cosines[widest], -1, 1))), float(gap_lon), float(gap_lat)
 
 
 @cache
-def _spiral_directions():
-    """Directions on a spiral of Fibonacci's over the whole sky, (3, 600)."""
+def _make_spiral_directions():
+    """Make directions on a spiral of Fibonacci's over the whole sky, (3, 600)."""
     k = np.arange(600) + 0.5
     z, turn = 1 - k / 300, np.pi * (1 + np.sqrt(5)) * k
     return np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])

@@ -21,47 +21,47 @@ Check: TypeAlias = Callable[[str, Any], Any]
 def number(name: str, value: Any) -> float:
     """A finite number, as a float."""
     try:
-        result = float(value) if np.ndim(value) == 0 and not isinstance(value, (str, bytes)) else np.nan
+        converted = float(value) if np.ndim(value) == 0 and not isinstance(value, (str, bytes)) else np.nan
     except (TypeError, ValueError):
-        result = np.nan
-    if not np.isfinite(result):
+        converted = np.nan
+    if not np.isfinite(converted):
         raise ParameterError(f"{name} must be a finite number, not {value!r}")
-    return result
+    return converted
 
 
 def positive(name: str, value: Any) -> float:
     """A finite number above zero, as a float."""
-    result = number(name, value)
-    if not result > 0:
+    checked = number(name, value)
+    if not checked > 0:
         raise ParameterError(f"{name} must be above zero, not {value!r}")
-    return result
+    return checked
 
 
 def not_negative(name: str, value: Any) -> float:
     """A finite number of zero or more, as a float."""
-    result = number(name, value)
-    if not result >= 0:
+    checked = number(name, value)
+    if not checked >= 0:
         raise ParameterError(f"{name} must be zero or more, not {value!r}")
-    return result
+    return checked
 
 
 def between(name: str, value: Any, lower: float, upper: float) -> float:
     """A number lower < x < upper, as a float."""
-    result, lower, upper = number(name, value), number("lower", lower), number("upper", upper)
-    if not lower < result < upper:
+    checked, lower, upper = number(name, value), number("lower", lower), number("upper", upper)
+    if not lower < checked < upper:
         raise ParameterError(f"{name} must lie between {lower:g} and {upper:g}, not at {value!r}")
-    return result
+    return checked
 
 
 def whole(name: str, value: Any, least: int = 1) -> int:
     """A whole number of at least `least`, as an int."""
     try:
-        result = index(value) if np.ndim(value) == 0 else None
+        converted = index(value) if np.ndim(value) == 0 else None
     except TypeError:
-        result = None
-    if result is None or isinstance(value, (bool, np.bool_)) or result < least:
+        converted = None
+    if converted is None or isinstance(value, (bool, np.bool_)) or converted < least:
         raise ParameterError(f"{name} must be a whole number of at least {least}, not {value!r}")
-    return result
+    return converted
 
 
 def choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
@@ -81,8 +81,8 @@ def generator(rng: Any) -> np.random.Generator:
     if is_numpy or (len(seeds) and all(isinstance(x, (int, np.integer)) and not isinstance(x, bool) for x in seeds)):
         with suppress(TypeError, ValueError):
             return np.random.default_rng(rng)
-    text = repr(rng) if isinstance(rng, (int, float, str)) or rng is None else type(rng).__name__
-    raise ParameterError(f"rng is a NumPy Generator or a whole number that seeds one, not {text}")
+    description = repr(rng) if isinstance(rng, (int, float, str)) or rng is None else type(rng).__name__
+    raise ParameterError(f"rng is a NumPy Generator or a whole number that seeds one, not {description}")
 
 
 def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:

@@ -6,8 +6,8 @@ from vsh.models.cosmology import (
     BACHCHAN_2016,
     CMB_VELOCITY_PLANCK18,
     FLAT_PLANCK13,
+    compute_redshift,
     parallax_factor,
-    redshift_of,
     transverse_distance,
     with_redshift,
 )
@@ -110,8 +110,8 @@ def test_beyond_the_antipode_of_a_closed_cosmology():
 
 def test_redshifts_from_distances():
     z = np.array([2e-4, 0.01, 0.3, 1.0, 7.0])
-    np.testing.assert_allclose(redshift_of(transverse_distance(z)), z, rtol=1e-6)
-    assert np.isnan(redshift_of(np.array([np.nan])))[0]
+    np.testing.assert_allclose(compute_redshift(transverse_distance(z)), z, rtol=1e-6)
+    assert np.isnan(compute_redshift(np.array([np.nan])))[0]
 
 
 @pytest.mark.parametrize("curvature", [-0.2, 0.0, 0.15])

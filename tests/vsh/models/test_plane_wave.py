@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 import sim
 from vsh import Mode, ParameterError
-from vsh.models.waves import degree_amplitudes, strain_of, wave_coefficients, wave_motions
+from vsh.models.waves import compute_strain, degree_amplitudes, wave_coefficients, wave_motions
 from vsh.sky.pixels import centres
 from vsh.transform import adjoint
 
@@ -28,8 +28,8 @@ def test_numbers():
             for l in range(2, 7):
                 values[wave.modes.index(Mode(kind, l, 2, part))] = sign * expected[l - 1]
         assert_allclose(wave.values, values, atol=3e-6)
-    assert strain_of(1.0, 10.0) == pytest.approx(2.445e-12, rel=2e-4)
-    assert strain_of(1.0, 1.0) == pytest.approx(2.445e-11, rel=2e-4)
+    assert compute_strain(1.0, 10.0) == pytest.approx(2.445e-12, rel=2e-4)
+    assert compute_strain(1.0, 1.0) == pytest.approx(2.445e-11, rel=2e-4)
 
 
 @pytest.mark.parametrize("direction", DIRECTIONS)
@@ -62,4 +62,4 @@ def test_messages():
     with pytest.raises(ParameterError, match="plus must be a finite number"):
         sim.plane_wave((0, 0, 1), "strong")
     with pytest.raises(ParameterError, match="frequency must be above zero"):
-        strain_of(1.0, 0.0)
+        compute_strain(1.0, 0.0)

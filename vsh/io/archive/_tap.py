@@ -171,7 +171,7 @@ def _check_same_request(path, record, request):
 def _check_whole_table(path):
     """Count the rows of a file that is there; raise ArchiveError where it is not whole."""
     try:
-        return tables.fits_rows(path, path.name)
+        return tables.count_fits_rows(path, path.name)
     except TableError as error:
         raise ArchiveError(
             f"{printable(path)} is there, but no whole FITS table ({error}): overwrite it, or choose another name"
@@ -352,7 +352,7 @@ def _count_complete_rows(path, max_rows):
     if start.lstrip()[:5] in (b"<?xml", b"<VOTA"):  # TAP's way to say that something is wrong
         raise ArchiveError(f"the server sent no FITS table: {_extract_message(start) or 'a VOTable'}")
     try:
-        rows = tables.fits_rows(path, path.name)
+        rows = tables.count_fits_rows(path, path.name)
     except TableError as error:
         raise ArchiveError(f"the server sent no whole FITS table ({error}); the same call fetches it again") from error
     limit = max_rows if max_rows is not None and rows >= max_rows else next((n for n in _ROW_LIMITS if rows == n), None)

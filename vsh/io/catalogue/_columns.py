@@ -263,7 +263,7 @@ class RowSelection:
     def of(self, block: Mapping[str, Any], first_row: int) -> tuple[dict[str, Any], Any, list[str]]:
         """The selected rows of a block, their numbers, and a note that counts the others."""
         condition_columns = {name: block[self._roles.get(name, name)] for name in self._where.names}
-        selection, missing = self._where.rows(condition_columns or block)
+        selection, missing = self._where.select_rows(condition_columns or block)
         counts = {FALSE: int((~selection & ~missing).sum()), MISSING: int(missing.sum())}
         counts = {reason: count for reason, count in counts.items() if count}
         fingerprint = np.packbits(selection), np.array([first_row]), *(array for array, _ in list(block.values())[:2])

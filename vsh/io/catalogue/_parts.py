@@ -12,7 +12,7 @@ from vsh.io.catalogue._columns import as_columns
 from vsh.io.catalogue._names import ColumnRequest, Columns, candidates_of, derivable_columns
 from vsh.io.catalogue._read import add_zero_motions, stream_fields
 from vsh.io.columns import REQUIRED
-from vsh.io.parts import Dask, Engine, InProcess, Parts, Processes, delayed_partitions, is_delayed
+from vsh.io.parts import Dask, Engine, InProcess, Parts, Processes, delay_partitions, is_delayed
 from vsh.io.tables import RemotePath, TableSource, Where, check_alike, files_of, fingerprint_of, is_address, open_table
 from vsh.tools.arguments import whole
 from vsh.tools.errors import ParameterError, TableError
@@ -248,4 +248,4 @@ def _select_partitions(collection, columns, motions, condition):
                 f"the {type(collection).__name__} has no column {candidates!r} for {role}: it has {', '.join(names)}"
             )
         column_names += [name for column in present[:1] for name in derived_columns.get(column, (column,))]
-    return delayed_partitions(collection, column_names)
+    return delay_partitions(collection, column_names)

@@ -32,12 +32,12 @@ from vsh.tools.types import BoolArray, FloatArray, IntArray, OnBad, PathName
 from vsh.tools.units import DEGREE, JULIAN_YEAR, MAS
 
 #: How truth is written in words.
-_TRUTH = {"true": True, "t": True, "yes": True, "false": False, "f": False, "no": False}
+_TRUTH_WORDS = {"true": True, "t": True, "yes": True, "false": False, "f": False, "no": False}
 #: A field that stands for nothing.
-_NOTHING = ("", "null", "none", "nan", "--", "na", "<na>")
+_MISSING_WORDS = ("", "null", "none", "nan", "--", "na", "<na>")
 
 
-def matrix_of(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolArray, Any]:
+def convert_column(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolArray, Any]:
     """Turn a column into numbers: (n,), or (n, k) where a row holds several, shorter rows padded.
 
     Parameters
@@ -65,122 +65,122 @@ def matrix_of(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolA
         If an entry is no number.
     """
     values = np.asarray(values)
-    mask = _spread(np.asarray(False if mask is None else mask, bool), values.shape)
+    mask = _broadcast_trailing(np.asarray(False if mask is None else mask, bool), values.shape)
     if values.dtype.kind in "iufb":
         return values, mask, np.False_
-    missing = mask.all(axis=tuple(range(1, mask.ndim)))
+    is_null_row = mask.all(axis=tuple(range(1, mask.ndim)))
     if values.dtype.kind in "SU":
-        texts = np.char.decode(values, "utf-8", "replace") if values.dtype.kind == "S" else values
-        entries = [_parse_text(text, name, label) for text in texts]
+        words = np.char.decode(values, "utf-8", "replace") if values.dtype.kind == "S" else values
+        entries = [_parse_word_or_list(text, name, label) for text in words]
     elif values.dtype.kind == "O" and values.ndim == 1:
         entries = list(values)
     else:
         raise TableError(f"{label}: column {name!r} holds {values.dtype.name}, not numbers")
-    missing = missing | np.array([entry is None for entry in entries], bool)
-    entries = [None if gone else entry for gone, entry in zip(missing, entries, strict=True)]
+    is_null_row = is_null_row | np.array([entry is None for entry in entries], bool)
+    entries = [None if is_null else entry for is_null, entry in zip(is_null_row, entries, strict=True)]
     if all(entry is None or np.ndim(entry) == 0 for entry in entries):
-        return *_numbers(entries, name, label), np.False_
-    rows = [_masked_row(entry) for entry in entries]
+        return *_parse_numbers(entries, name, label), np.False_
+    rows = [_make_masked_row(entry) for entry in entries]
     lengths = np.array([len(row) for row in rows])
-    inside = np.arange(lengths.max()) < lengths[:, None]
+    is_entry = np.arange(lengths.max()) < lengths[:, None]
     nonempty_rows = [row for row in rows if len(row)]
     if all(row.dtype.kind in "iufb" for row in nonempty_rows) and len({row.dtype.kind for row in nonempty_rows}) == 1:
         flat = np.concatenate([row.data for row in nonempty_rows])
-        lost = np.concatenate([np.ma.getmaskarray(row) for row in nonempty_rows])
+        is_masked = np.concatenate([np.ma.getmaskarray(row) for row in nonempty_rows])
     else:
-        flat, lost = _numbers([x for row in nonempty_rows for x in _as_list(row)], name, label)
-    matrix, absent = np.zeros(inside.shape, flat.dtype), np.zeros(inside.shape, bool)
-    matrix[inside], absent[inside] = flat, lost
+        flat, is_masked = _parse_numbers([entry for row in nonempty_rows for entry in _list_entries(row)], name, label)
+    matrix, is_absent = np.zeros(is_entry.shape, flat.dtype), np.zeros(is_entry.shape, bool)
+    matrix[is_entry], is_absent[is_entry] = flat, is_masked
     # A row without a list, as of a transit whose arrays are null, is missing and no padding.
-    absent[missing] = True
-    return matrix, absent, ~inside & ~missing[:, None]
+    is_absent[is_null_row] = True
+    return matrix, is_absent, ~is_entry & ~is_null_row[:, None]
 
 
-def _spread(array, shape):
-    """An array in a shape with more dimensions: what a transit has once, all its CCDs have."""
+def _broadcast_trailing(array, shape):
+    """Broadcast an array along further dimensions of a shape: what a transit has once, all its CCDs have."""
     return np.broadcast_to(array.reshape(array.shape + (1,) * (len(shape) - array.ndim)), shape)
 
 
-def _masked_row(entry):
-    """Entries of a row as a masked array; none of None."""
+def _make_masked_row(entry):
+    """Make a masked array of the entries of a row, an empty one of None."""
     if entry is None:
         return np.ma.array(np.zeros(0))
     return np.ma.atleast_1d(np.ma.asarray(entry)).ravel()
 
 
-def _as_list(row):
-    """The entries of a row, None where they are masked."""
-    return [None if gone else x for x, gone in zip(row.data.tolist(), np.ma.getmaskarray(row), strict=True)]
+def _list_entries(row):
+    """List the entries of a row, None where they are masked."""
+    return [None if masked else entry for entry, masked in zip(row.data.tolist(), np.ma.getmaskarray(row), strict=True)]
 
 
-def _numbers(entries, name, label):
-    """Numbers or bools of a list of them, and where there is none; integers keep all their digits."""
-    lost = np.array([_is_nothing(entry) for entry in entries], bool)
-    values = [_parse_entry(entry) for entry, gone in zip(entries, lost, strict=True) if not gone]
-    dtype_kinds = {"b" if isinstance(entry, (bool, np.bool_)) else np.asarray(entry).dtype.kind for entry in values}
+def _parse_numbers(entries, name, label):
+    """Parse a list of numbers or bools, and find where there is none; integers keep all their digits."""
+    is_missing = np.array([_is_missing(entry) for entry in entries], bool)
+    parsed = [_parse_word(entry) for entry, missing in zip(entries, is_missing, strict=True) if not missing]
+    dtype_kinds = {"b" if isinstance(entry, (bool, np.bool_)) else np.asarray(entry).dtype.kind for entry in parsed}
     if not dtype_kinds <= set("iufb"):
-        wrong = next(entry for entry in values if np.asarray(entry).dtype.kind not in "iufb")
-        raise TableError(f"{label}: column {name!r} holds {wrong!r}, which is no number")
+        other = next(entry for entry in parsed if np.asarray(entry).dtype.kind not in "iufb")
+        raise TableError(f"{label}: column {name!r} holds {other!r}, which is no number")
     dtype: Any = bool if dtype_kinds == {"b"} else np.int64 if dtype_kinds <= set("iu") and dtype_kinds else float
     numbers = np.zeros(len(entries), dtype)
     if dtype is float:
-        numbers[lost] = np.nan
+        numbers[is_missing] = np.nan
     try:
-        numbers[~lost] = np.array(values, dtype) if values else numbers[~lost]
+        numbers[~is_missing] = np.array(parsed, dtype) if parsed else numbers[~is_missing]
     except OverflowError:
         raise TableError(f"{label}: column {name!r} holds an integer of more than 64 bits") from None
-    return numbers, lost
+    return numbers, is_missing
 
 
-def _is_nothing(entry):
+def _is_missing(entry):
     if entry is None or entry is np.ma.masked or type(entry).__name__ in ("NAType", "NaTType"):
         return True
-    return isinstance(entry, str) and entry.strip().lower() in _NOTHING
+    return isinstance(entry, str) and entry.strip().lower() in _MISSING_WORDS
 
 
-def _parse_entry(entry):
-    """A number of a word."""
+def _parse_word(entry):
+    """Parse a word as a bool or a number; what is neither stays as it is."""
     if not isinstance(entry, str):
         return entry
-    text = entry.strip().lower()
-    if text in _TRUTH:
-        return _TRUTH[text]
-    for kind in (int, float):
+    word = entry.strip().lower()
+    if word in _TRUTH_WORDS:
+        return _TRUTH_WORDS[word]
+    for number_type in (int, float):
         with suppress(ValueError):
-            return kind(text)
+            return number_type(word)
     return entry
 
 
 #: Values of lists as Python, NumPy and pandas write them, and as JSON has them.
-_WRITTEN = {
+_JSON_FORMS = {
     r"\bTrue\b": "true", r"\bFalse\b": "false", r"\bNone\b": "null", r"(?i)\bnan\b": "NaN", r"\binf\b": "Infinity",
     r"(\d)\.(?=[,\]\s])": r"\1.0",
 }  # fmt: skip
 
 
-def _parse_text(text, name, label):
-    """A word, or the list that it writes out."""
+def _parse_word_or_list(text, name, label):
+    """Parse text as a list where it writes one out; a word is stripped of blanks."""
     text = str(text).strip()
     if not text.startswith(("[", "(", "{")):
         return text
-    inner = "[" + text[1:-1] + "]"
-    for pattern, word in _WRITTEN.items():
-        inner = re.sub(pattern, word, inner)
+    json_text = "[" + text[1:-1] + "]"
+    for pattern, json_form in _JSON_FORMS.items():
+        json_text = re.sub(pattern, json_form, json_text)
     try:
-        return json.loads(inner)
+        return json.loads(json_text)
     except ValueError:
-        if "," not in inner:  # as NumPy prints arrays
-            return inner[1:-1].split()
+        if "," not in json_text:  # as NumPy prints arrays
+            return json_text[1:-1].split()
         raise TableError(f"{label}: column {name!r} holds {text[:40]!r}, which is no list of numbers") from None
 
 
 #: From the preceding field to the following one, and back [minutes]; and by how much a pair may be off.
-_SHORT, _LONG, _CLOSE = 106.5, 253.5, 4.0
+_SHORT_GAP, _LONG_GAP, _TOLERANCE = 106.5, 253.5, 4.0
 #: Codes of the preceding and of the following field where times decide nothing.
-_KNOWN = {(0, 1): "as in the epochs of Gaia BH3", (1, 2): "as in the draft of DR4's data model"}
+_CODES = {(0, 1): "as in the epochs of Gaia BH3", (1, 2): "as in the draft of DR4's data model"}
 
 
-def views_of(transit: Any, source: Any, time: Any) -> tuple[Any, str | None]:
+def find_views(transit: Any, source: Any, time: Any) -> tuple[Any, str | None]:
     """Find the field of view of each observation.
 
     Parameters
@@ -206,28 +206,28 @@ def views_of(transit: Any, source: Any, time: Any) -> tuple[Any, str | None]:
             f"transit_id has the codes {', '.join(map(str, codes))} in bits 15 and 16, more than there are fields of "
             "view: it is not taken from there"
         )
-    earlier, later, gap = _neighbours(transit, source, time)
-    near_short, near_long = np.abs(gap - _SHORT) < _CLOSE, np.abs(gap - _LONG) < _CLOSE
+    earlier, later, gaps = _find_neighbours(transit, source, time)
+    near_short, near_long = np.abs(gaps - _SHORT_GAP) < _TOLERANCE, np.abs(gaps - _LONG_GAP) < _TOLERANCE
     # Which code comes first of a short pair, or last of a long one, is that of the preceding field.
     leading = np.r_[code[earlier[near_short]], code[later[near_long]]]
     trailing = np.r_[code[later[near_short]], code[earlier[near_long]]]
     is_distinct = leading != trailing
     if is_distinct.any():
-        values, counts = np.unique(leading[is_distinct], return_counts=True)
-        preceding, agreeing = int(values[counts.argmax()]), int(counts.max())
-        if agreeing < 0.9 * len(leading):
+        leading_codes, counts = np.unique(leading[is_distinct], return_counts=True)
+        preceding, n_agreeing = int(leading_codes[counts.argmax()]), int(counts.max())
+        if n_agreeing < 0.9 * len(leading):
             return None, (
-                f"transit_id contradicts the times between transits in {len(leading) - agreeing} of {len(leading)} "
+                f"transit_id contradicts the times between transits in {len(leading) - n_agreeing} of {len(leading)} "
                 "pairs: the field of view is not taken from there"
             )
         note = (
-            f"fields of view: code {preceding} of transit_id is the preceding one, by {agreeing} of {len(leading)} "
+            f"fields of view: code {preceding} of transit_id is the preceding one, by {n_agreeing} of {len(leading)} "
             "pairs of transits 106.5 or 253.5 minutes apart"
         )
         return np.where(code == preceding, 1, -1), note
-    if codes in _KNOWN:
+    if codes in _CODES:
         return np.where(code == codes[0], 1, -1), (
-            f"fields of view: code {codes[0]} of transit_id is taken as the preceding one, {_KNOWN[codes]}; no two "
+            f"fields of view: code {codes[0]} of transit_id is taken as the preceding one, {_CODES[codes]}; no two "
             "transits are near enough to tell"
         )
     if codes in ((0,), (2,)):
@@ -241,36 +241,36 @@ def views_of(transit: Any, source: Any, time: Any) -> tuple[Any, str | None]:
     )
 
 
-def _neighbours(transit, source, time):
-    """Observations of each source's transits and of the next one, and the time between them. [minutes]"""
+def _find_neighbours(transit, source, time):
+    """Find an observation of each transit and of the source's next one, and the time between them. [minutes]"""
     order = np.lexsort([time, source])
     is_start = np.r_[True, (np.diff(np.asarray(transit)[order]) != 0) | (np.diff(source[order]) != 0)]
-    at = order[is_start]
-    same_source = source[at][1:] == source[at][:-1]
-    gap = np.diff(time[at]) / 6e10
-    return at[:-1][same_source], at[1:][same_source], gap[same_source]
+    starts = order[is_start]
+    same_source = source[starts][1:] == source[starts][:-1]
+    gaps = np.diff(time[starts]) / 6e10
+    return starts[:-1][same_source], starts[1:][same_source], gaps[same_source]
 
 
 #: What is needed of each observation; arrays of the CCDs of a transit, or a row each.
-_COLUMNS = (
+_NEEDED_COLUMNS = (
     "source_id", "obs_time_tcb", "centroid_pos_al", "centroid_pos_error_al", "scan_pos_angle", "parallax_factor_al",
     "ra0", "dec0",
 )  # fmt: skip
 _EXCESS = "agis_source_excess_noise"
-_OPTIONAL = ("obs_time_bary_corr", "used_by_agis_al", "transit_id", "colour_factor_al", _EXCESS)
-_PLACES = ("ra0", "dec0")
+_OPTIONAL_COLUMNS = ("obs_time_bary_corr", "used_by_agis_al", "transit_id", "colour_factor_al", _EXCESS)
+_RA_DEC = ("ra0", "dec0")
 #: Parts of the observations: the attribute that tells them, and its value there.
 _PARTS = {"field of view 1": ("view", 1), "field of view 2": ("view", -1)}
 _PARTS |= {f"CCD row {row}": ("row", row) for row in range(1, 8)}
 #: CCDs of a transit with the sky mapper's, which is the first and never used.
-_SLOTS = 10
+_CCD_SLOTS = 10
 #: What columns without a unit are in, and others are turned to.
 _UNITS = {"obs_time_tcb": "ns", "obs_time_bary_corr": "ns", "centroid_pos_al": "mas", "centroid_pos_error_al": "mas",
           "scan_pos_angle": "deg", "ra0": "deg", "dec0": "deg", _EXCESS: "mas"}  # fmt: skip
 _DAY = 86400e9  # [ns]
 _YEAR = 365.25 * _DAY
 #: J2010.0, from which times are counted, as Julian dates and modified ones; and how far from it such dates are known.
-_ORIGINS, _FAR = {"Julian dates": 2455197.5, "modified Julian dates": 55197.0}, 20 * 365.25
+_DATE_ORIGINS, _DATE_RANGE = {"Julian dates": 2455197.5, "modified Julian dates": 55197.0}, 20 * 365.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,21 +334,21 @@ class Observations(Frozen):
             If nothing tells them.
         """
         part = choice("where", where, tuple(_PARTS))
-        name, value = _PARTS[part]
-        if (values := getattr(self, name)) is None:
-            kind = "field of view" if name == "view" else "CCD row"
+        attribute, value = _PARTS[part]
+        if (part_numbers := getattr(self, attribute)) is None:
+            kind = "field of view" if attribute == "view" else "CCD row"
             raise TableError(f"no transit_id tells the {kind} of an observation, so none is of {part}")
-        keep = values == value
+        keep = part_numbers == value
         if not keep.any():
             raise EmptyFieldError(f"no observation is of {part}")
-        present, number = np.unique(self.source[keep], return_inverse=True)
-        sources = {name: getattr(self, name)[present] for name in ("lon", "lat", "name")}
+        source_numbers, source = np.unique(self.source[keep], return_inverse=True)
+        sources = {name: getattr(self, name)[source_numbers] for name in ("lon", "lat", "name")}
         attributes = ((entry.name, getattr(self, entry.name)) for entry in fields(self) if entry.name not in sources)
         observed = {name: values[..., keep] for name, values in attributes if isinstance(values, np.ndarray)}
-        lost = len(self.lon) - len(present)
+        n_lost = len(self.lon) - len(source_numbers)
         note = f"epochs: {keep.sum()} of {len(keep)} observations are of {part}"
-        note += f"; {lost} sources have none" * bool(lost)
-        return replace(self, **sources | observed | {"source": number}, notes=(*self.notes, note))
+        note += f"; {n_lost} sources have none" * bool(n_lost)
+        return replace(self, **sources | observed | {"source": source}, notes=(*self.notes, note))
 
     def by_transit(self, gap: float = 60.0) -> "Observations":
         """Average the CCDs of each crossing of the field, weighted, into one observation.
@@ -363,24 +363,24 @@ class Observations(Frozen):
         is_start = np.r_[True, (np.diff(source) > 0) | (np.diff(time) > gap / JULIAN_YEAR)]
         if is_start.all() and np.array_equal(order, np.arange(len(order))):
             return self
-        number, starts = np.cumsum(is_start) - 1, order[is_start]
+        crossing, starts = np.cumsum(is_start) - 1, order[is_start]
         weight = 1 / self.error[order] ** 2
-        total = np.bincount(number, weight)
+        weight_sums = np.bincount(crossing, weight)
 
-        def mean(values):
-            return np.bincount(number, weight * values[order]) / total
+        def average(values):
+            return np.bincount(crossing, weight * values[order]) / weight_sums
 
         return replace(
             self,
             source=self.source[starts],
-            time=mean(self.time),
-            design=np.array([mean(row) for row in self.design]),
-            position=mean(self.position),
-            error=1 / np.sqrt(total),
+            time=average(self.time),
+            design=np.array([average(row) for row in self.design]),
+            position=average(self.position),
+            error=1 / np.sqrt(weight_sums),
             view=None if self.view is None else self.view[starts],
             row=None if self.row is None else self.row[starts],
-            colour=None if self.colour is None else mean(self.colour),
-            excess_noise=None if self.excess_noise is None else mean(self.excess_noise),
+            colour=None if self.colour is None else average(self.colour),
+            excess_noise=None if self.excess_noise is None else average(self.excess_noise),
         )
 
 
@@ -445,21 +445,21 @@ def read_observations(
     """
     table_source = tables.open_table(source)
     # ESA's internal files call obs_time_tcb obsTimeTcb.
-    spelled = {name.replace("_", "").lower(): name for name in reversed(table_source.names)}
+    spellings = {name.replace("_", "").lower(): name for name in reversed(table_source.names)}
     names = {
         name: (columns or {}).get(
-            name, name if name in table_source.names else spelled.get(name.replace("_", ""), name)
+            name, name if name in table_source.names else spellings.get(name.replace("_", ""), name)
         )
-        for name in (*_COLUMNS, *_OPTIONAL)
+        for name in (*_NEEDED_COLUMNS, *_OPTIONAL_COLUMNS)
     }
-    for name in _COLUMNS:
-        if names[name] not in table_source.names and not (name in _PLACES and positions is not None):
+    for name in _NEEDED_COLUMNS:
+        if names[name] not in table_source.names and not (name in _RA_DEC and positions is not None):
             remedy = (
-                "; positions=, a table of source_id, ra and dec (gaia_source), gives them" if name in _PLACES else ""
+                "; positions=, a table of source_id, ra and dec (gaia_source), gives them" if name in _RA_DEC else ""
             )
             raise TableError(f"{table_source.label}: {missing_column(names[name], table_source)}{remedy}")
     if positions is not None:
-        for name in _PLACES:
+        for name in _RA_DEC:
             names.pop(name)
     column_names = {name: column for name, column in names.items() if column in table_source.names}
     twins = [column for column in column_names.values() if column in table_source.twins]
@@ -477,16 +477,16 @@ def read_observations(
         notes = (*notes, "several columns are called used_by_agis_al, as in ESA's CSV: the first was read")
     if "obs_time_bary_corr" not in column_names:
         notes = (*notes, "no column obs_time_bary_corr: times are taken as the barycentre's")
-    identifiers, indices, number = np.unique(flat["source_id"], return_index=True, return_inverse=True)
+    identifiers, first_rows, source_index = np.unique(flat["source_id"], return_index=True, return_inverse=True)
     if positions is None:
-        lon, lat = flat["ra0"][indices] * DEGREE, flat["dec0"][indices] * DEGREE
+        lon, lat = flat["ra0"][first_rows] * DEGREE, flat["dec0"][first_rows] * DEGREE
     else:
-        lon, lat = _join_positions(identifiers, positions)
-    order = np.argsort(number, kind="stable")
-    number, flat = number[order], {name: values[order] for name, values in flat.items()}
+        lon, lat = _find_positions(identifiers, positions)
+    order = np.argsort(source_index, kind="stable")
+    source_index, flat = source_index[order], {name: values[order] for name, values in flat.items()}
     view = row = None
     if "view" in flat:
-        view, note = views_of(flat["view"], number, flat["obs_time_tcb"])
+        view, note = find_views(flat["view"], source_index, flat["obs_time_tcb"])
         notes = (*notes, *([note] if note else []))
         row = (np.asarray(flat["view"], np.int64) >> 12) & 7
         row = row if row.all() else None  # no row has the number 0: this is another numbering
@@ -495,7 +495,7 @@ def read_observations(
     return Observations(
         lon,
         lat,
-        number,
+        source_index,
         time,
         design_row(flat["scan_pos_angle"] * DEGREE, flat["parallax_factor_al"], time),
         MAS * flat["centroid_pos_al"],
@@ -509,8 +509,8 @@ def read_observations(
     )
 
 
-def _join_positions(identifiers, positions):
-    """Positions of sources by their source_id, from another table."""
+def _find_positions(identifiers, positions):
+    """Find the positions of sources by their source_id, in another table. [rad]"""
     table_source = tables.open_table(positions)
     names = ("source_id", "ra", "dec")
     for name in names:
@@ -523,14 +523,14 @@ def _join_positions(identifiers, positions):
         has_position &= ~np.asarray(mask, bool) if mask is not None else True
     source_ids, ra, dec = source_ids[has_position], ra[has_position] * factors[0], dec[has_position] * factors[1]
     order = np.argsort(source_ids, kind="stable")
-    at = np.minimum(np.searchsorted(source_ids[order], identifiers), len(source_ids) - 1)
-    lost = identifiers[source_ids[order][at] != identifiers] if len(source_ids) else identifiers
-    if len(lost):
+    rows = np.minimum(np.searchsorted(source_ids[order], identifiers), len(source_ids) - 1)
+    absent = identifiers[source_ids[order][rows] != identifiers] if len(source_ids) else identifiers
+    if len(absent):
         raise TableError(
-            f"{table_source.label}: {len(lost)} of {len(identifiers)} sources of the epochs have no position there, "
-            f"source_id {lost[0]} for one"
+            f"{table_source.label}: {len(absent)} of {len(identifiers)} sources of the epochs have no position there, "
+            f"source_id {absent[0]} for one"
         )
-    coordinates = np.asarray(ra, float)[order][at], np.asarray(dec, float)[order][at]
+    coordinates = np.asarray(ra, float)[order][rows], np.asarray(dec, float)[order][rows]
     if not (np.isfinite(coordinates).all() and (np.abs(coordinates[1]) <= 90).all()):
         raise TableError(f"{table_source.label}: some positions are no directions: ra and dec in degrees are expected")
     return coordinates[0] * DEGREE, coordinates[1] * DEGREE
@@ -538,7 +538,7 @@ def _join_positions(identifiers, positions):
 
 #: No observation is larger, and what is stands for one that was not made: times [ns], positions and errors [mas],
 #: angles [deg].
-_MOST = {
+_LARGEST = {
     "obs_time_tcb": 100 * _YEAR, "obs_time_bary_corr": 1e14, "centroid_pos_al": 1e9, "centroid_pos_error_al": 1e7,
     "scan_pos_angle": 1e6, "parallax_factor_al": 10.0, "ra0": 720.0, "dec0": 90.0,
     "colour_factor_al": 1e6, _EXCESS: 1e6,
@@ -548,57 +548,57 @@ _MOST = {
 def _flatten_observations(
     table: Mapping[str, Any], factors: Mapping[str, float], table_source: Any
 ) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
-    """Columns with a value for each observation that can be used, and a note that counts the others."""
+    """Flatten columns to one value for each observation that can be used, with notes that count the others."""
     label = table_source.label
-    columns, padding = _matrices(table, table_source)
-    repeat_notes = _note_on_repeated_rows(columns)
+    columns, padding = _convert_columns(table, table_source)
+    repeat_notes = _describe_repeated_rows(columns)
     for name in [name for name in ("colour_factor_al", _EXCESS) if name in columns]:
-        values, absent = columns[name]
-        is_given = np.isfinite(values) & ~absent
+        values, is_missing = columns[name]
+        is_given = np.isfinite(values) & ~is_missing
         if not is_given.any():
             del columns[name]  # null in every row
         elif name == _EXCESS:  # where it is null, AGIS added none
-            columns[name] = np.where(is_given, values, 0.0), np.zeros_like(absent)
+            columns[name] = np.where(is_given, values, 0.0), np.zeros_like(is_missing)
     shape = max((np.shape(values) for values, _ in columns.values()), key=len)
     flat: dict[str, Any] = {}
-    bad = np.zeros(shape, bool)
-    times: tuple[str, ...] = ()
+    is_bad = np.zeros(shape, bool)
+    date_notes: tuple[str, ...] = ()
     for name, (values, mask) in columns.items():
-        spread_values = _spread(values, shape).ravel()
-        bad |= _spread(mask, shape)
+        spread_values = _broadcast_trailing(values, shape).ravel()
+        is_bad |= _broadcast_trailing(mask, shape)
         if name == "transit_id":
             if values.dtype.kind in "iu":
                 flat["view"] = spread_values.astype(np.int64)
-        elif name == "obs_time_tcb" and (scale := _date_scale(values, mask, table_source.units.get(name))):
-            flat[name] = (spread_values - _ORIGINS[scale]) * _DAY
-            times = (f"obs_time_tcb holds {scale}: times are counted from J2010.0",)
+        elif name == "obs_time_tcb" and (scale := _find_date_scale(values, mask, table_source.units.get(name))):
+            flat[name] = (spread_values - _DATE_ORIGINS[scale]) * _DAY
+            date_notes = (f"obs_time_tcb holds {scale}: times are counted from J2010.0",)
         else:
             factor = factors.get(name, 1.0)
             flat[name] = spread_values if factor == 1.0 else spread_values * factor
     notes: tuple[str, ...] = ()
-    is_used = flat.pop("used_by_agis_al", np.ones(bad.size, bool)).astype(bool)
-    if "used_by_agis_al" not in columns and len(shape) == 2 and shape[1] == _SLOTS:
-        is_used = is_used & np.tile(np.arange(_SLOTS) > 0, shape[0])
-        notes = (f"no column used_by_agis_al: the first of {_SLOTS} CCDs, the sky mapper's, is left out",)
+    is_used = flat.pop("used_by_agis_al", np.ones(is_bad.size, bool)).astype(bool)
+    if "used_by_agis_al" not in columns and len(shape) == 2 and shape[1] == _CCD_SLOTS:
+        is_used = is_used & np.tile(np.arange(_CCD_SLOTS) > 0, shape[0])
+        notes = (f"no column used_by_agis_al: the first of {_CCD_SLOTS} CCDs, the sky mapper's, is left out",)
     is_unused = ~is_used
-    bad = bad.ravel()
+    is_bad = is_bad.ravel()
     if padding.any():  # where a transit has fewer CCDs than another there is no observation
         is_observation = ~np.broadcast_to(padding, shape).ravel()
-        flat, bad, is_unused = (
+        flat, is_bad, is_unused = (
             {name: values[is_observation] for name, values in flat.items()},
-            bad[is_observation],
+            is_bad[is_observation],
             is_unused[is_observation],
         )
     for name, values in flat.items():
-        if values.dtype.kind == "f" or name in _MOST:
-            bad |= ~(np.abs(values.astype(float)) <= _MOST.get(name, np.inf)) | ~np.isfinite(values)
-    bad |= ~(flat["centroid_pos_error_al"] > 1e-9) | ~(flat["obs_time_tcb"] > _YEAR)  # no mission was there in 2010
+        if values.dtype.kind == "f" or name in _LARGEST:
+            is_bad |= ~(np.abs(values.astype(float)) <= _LARGEST.get(name, np.inf)) | ~np.isfinite(values)
+    is_bad |= ~(flat["centroid_pos_error_al"] > 1e-9) | ~(flat["obs_time_tcb"] > _YEAR)  # no mission was there in 2010
     missing_colour = ", a colour factor" if "colour_factor_al" in flat else ""
     counts = {
         "not used by AGIS": int(is_unused.sum()),
-        f"without a position, an error{missing_colour} or a time": int((bad & ~is_unused).sum()),
+        f"without a position, an error{missing_colour} or a time": int((is_bad & ~is_unused).sum()),
     }
-    keep = ~(bad | is_unused)
+    keep = ~(is_bad | is_unused)
     note = DroppedRows.of_table({reason: count for reason, count in counts.items() if count}, keep.size, keep)
     if not keep.any():
         error = EmptyFieldError(f"{label}: no observation can be used: {note}")
@@ -606,16 +606,16 @@ def _flatten_observations(
         raise error
     if any(counts.values()):
         notes = (f"observations: {note}".replace(" rows", " observations"), *notes)
-    return {name: values[keep] for name, values in flat.items()}, (*notes, *times, *repeat_notes)
+    return {name: values[keep] for name, values in flat.items()}, (*notes, *date_notes, *repeat_notes)
 
 
-def _matrices(table, table_source):
-    """Convert columns to numbers, one row or matrix of CCDs per transit, and a mask of missing CCDs."""
+def _convert_columns(table, table_source):
+    """Convert columns to numbers with their masks, one or a row of CCDs per transit, and find what is padding."""
     columns: dict[str, Any] = {}
     padding: Any = np.False_
     width, array_name = 0, ""
     for name, (values, mask) in table.items():
-        values, mask, absent = matrix_of(values, mask, name, table_source.label)
+        values, mask, is_padding = convert_column(values, mask, name, table_source.label)
         if values.ndim > 1:
             if width and values.shape[1] != width:
                 raise TableError(
@@ -623,33 +623,33 @@ def _matrices(table, table_source):
                     f"has {width}: arrays of the CCDs are as long as each other"
                 )
             width, array_name = values.shape[1], name
-        padding = padding | absent
+        padding = padding | is_padding
         columns[name] = values, mask
     return columns, padding
 
 
-def _date_scale(values, mask, unit):
-    """The name of the dates that times are, where they are days since JD 0 or since MJD 0; else None."""
+def _find_date_scale(values, mask, unit):
+    """Find the name of the dates that times are, where they are days since JD 0 or since MJD 0; else None."""
     if unit is not None and str(unit).strip() not in ("d", "day", "days", ""):
         return None
     times = values[~mask]
     times = times[times != 0]  # arrays of transits with fewer CCDs are filled up with zeros
-    middle = float(np.nanmedian(times)) if np.size(times) else 0.0
-    return next((name for name, origin in _ORIGINS.items() if abs(middle - origin) < _FAR), None)
+    median_time = float(np.nanmedian(times)) if np.size(times) else 0.0
+    return next((name for name, origin in _DATE_ORIGINS.items() if abs(median_time - origin) < _DATE_RANGE), None)
 
 
-def _note_on_repeated_rows(columns):
-    """A note on transits, or on observations where rows are these, that stand in the table twice."""
+def _describe_repeated_rows(columns):
+    """Describe how many transits, or observations where rows are these, stand in the table twice."""
     is_flat = np.ndim(columns["centroid_pos_al"][0]) < 2
-    mark = "obs_time_tcb" if is_flat else "transit_id"
-    if mark not in columns:
+    key = "obs_time_tcb" if is_flat else "transit_id"
+    if key not in columns:
         return ()
-    pair = [np.asarray(columns[name][0]) for name in ("source_id", mark)]
-    order = np.lexsort(pair)
-    source, row = (values[order] for values in pair)
-    twice = int(np.sum((source[1:] == source[:-1]) & (row[1:] == row[:-1])))
+    keys = [np.asarray(columns[name][0]) for name in ("source_id", key)]
+    order = np.lexsort(keys)
+    source, identifier = (values[order] for values in keys)
+    n_twice = int(np.sum((source[1:] == source[:-1]) & (identifier[1:] == identifier[:-1])))
     rows = "observations" if is_flat else "transits"
-    return (f"warning: {twice} {rows} stand in the table twice and count as two",) if twice else ()
+    return (f"warning: {n_twice} {rows} stand in the table twice and count as two",) if n_twice else ()
 
 
 def read_epochs(

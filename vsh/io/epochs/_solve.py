@@ -17,7 +17,7 @@ from vsh.tools.notebook import Frozen
 from vsh.tools.types import BoolArray, FloatArray, IntArray
 
 #: The cubic between two and three σ that joins 1 to e^{−z/3} with its slope (eq. 66 there).
-_SQUARE, _CUBE = 3 - 10 / 3 * np.exp(-1.0), 2 - 7 / 3 * np.exp(-1.0)
+_QUADRATIC, _CUBIC = 3 - 10 / 3 * np.exp(-1.0), 2 - 7 / 3 * np.exp(-1.0)
 #: How well the effective wavenumber of a source is known a priori in the six-parameter solutions of DR4, as ESA's
 #: gaiasupdate has it. [µm⁻¹]
 COLOUR_PRIOR = 0.085
@@ -71,7 +71,7 @@ def design_row(angle: FloatArray, parallax_factor: FloatArray, time: FloatArray)
 def downweighting_factor(z: FloatArray) -> FloatArray:
     """The weight of an observation at z standard deviations: 1 up to 2, a cubic to 3, e^{−z/3} beyond."""
     z = np.abs(z)
-    cubic = 1 - _SQUARE * (z - 2) ** 2 + _CUBE * (z - 2) ** 3
+    cubic = 1 - _QUADRATIC * (z - 2) ** 2 + _CUBIC * (z - 2) ** 3
     return np.where(z <= 2, 1.0, np.where(z < 3, cubic, np.exp(-z / 3)))
 
 
@@ -100,19 +100,19 @@ def solve_epochs(
     robust : bool
         Weights and excess noise as AGIS has them; plain least squares otherwise.
     """
-    n = int(source[-1]) + 1 if len(source) else 0
+    n_sources = int(source[-1]) + 1 if len(source) else 0
     columns = design if colour is None else np.vstack([design, -np.asarray(colour, float)])
-    sums = _LeastSquares(source, n, columns, position, error)
-    good = sums.solvable()
-    weight, variance = np.ones(len(source)), np.zeros(n)
+    sources = _LeastSquares(source, n_sources, columns, position, error)
+    is_solvable = sources.find_solvable()
+    weights, variances = np.ones(len(source)), np.zeros(n_sources)
     if robust:
-        weight, variance = _robust_weights(sums, good)
-    values, inverse = sums.solved(weight, variance, good)
-    outliers = sums.sum_per_source((weight < _OUTLIER).astype(float)).astype(int)
-    five = FiveParameters(values[:, :5], inverse[:, :5, :5], np.sqrt(variance), sums.counts, outliers, weight)
+        weights, variances = _find_robust_weights(sources, is_solvable)
+    values, inverse = sources.solve(weights, variances, is_solvable)
+    outliers = sources.sum_per_source((weights < _OUTLIER).astype(float)).astype(int)
+    solution = FiveParameters(values[:, :5], inverse[:, :5, :5], np.sqrt(variances), sources.counts, outliers, weights)
     if colour is None:
-        return five
-    return replace(five, pseudocolour=values[:, 5], pseudocolour_error=np.sqrt(inverse[:, 5, 5]))
+        return solution
+    return replace(solution, pseudocolour=values[:, 5], pseudocolour_error=np.sqrt(inverse[:, 5, 5]))
 
 
 class _LeastSquares:
@@ -127,12 +127,12 @@ class _LeastSquares:
     def sum_per_source(self, values):
         return np.bincount(self.source, values, self.n)
 
-    def normal(self, weight, variance):
-        """N, (n, 5, 5), and right-hand sides, (n, 5)."""
-        w = weight / (self.noise + variance[self.source])
+    def compute_normal(self, weight, variance):
+        """Compute the normal matrices, (n, 5, 5), and right-hand sides, (n, 5)."""
+        inverse_variance = weight / (self.noise + variance[self.source])
         matrix, rhs = np.empty((self.n, self.parameters, self.parameters)), np.empty((self.n, self.parameters))
         for i in range(self.parameters):
-            weighted_row = w * self.design[i]
+            weighted_row = inverse_variance * self.design[i]
             rhs[:, i] = self.sum_per_source(weighted_row * self.position)
             for j in range(i + 1):
                 matrix[:, i, j] = matrix[:, j, i] = self.sum_per_source(weighted_row * self.design[j])
@@ -140,97 +140,97 @@ class _LeastSquares:
             matrix[:, 5, 5] += 1 / COLOUR_PRIOR**2
         return matrix, rhs
 
-    def solvable(self):
-        """More observations than parameters, and scans in more than one direction and time."""
-        matrix = self.normal(np.ones(len(self.source)), np.zeros(self.n))[0][:, :5, :5]
+    def find_solvable(self):
+        """Find which sources have more observations than parameters, and scans in several directions and times."""
+        matrix = self.compute_normal(np.ones(len(self.source)), np.zeros(self.n))[0][:, :5, :5]
         scale = np.sqrt(np.maximum(np.einsum("nii->ni", matrix), 1e-300))
         scaled_matrix = matrix / (scale[:, :, None] * scale[:, None])
         return (self.counts > self.parameters) & (np.linalg.eigvalsh(scaled_matrix)[:, 0] > 1e-6)
 
-    def solved(self, weight, variance, good):
-        """Parameters, (n, 5), and their covariance; nan where there is none."""
-        matrix, rhs = self.normal(weight, variance)
+    def solve(self, weight, variance, is_solvable):
+        """Solve for the parameters, (n, 5), and their covariance; nan where there is no solution."""
+        matrix, rhs = self.compute_normal(weight, variance)
         values, inverse = np.full(rhs.shape, np.nan), np.full(matrix.shape, np.nan)
-        inverse[good] = np.linalg.inv(matrix[good])
-        values[good] = np.einsum("nij,nj->ni", inverse[good], rhs[good])
+        inverse[is_solvable] = np.linalg.inv(matrix[is_solvable])
+        values[is_solvable] = np.einsum("nij,nj->ni", inverse[is_solvable], rhs[is_solvable])
         return values, inverse
 
-    def residual(self, weight, variance, good):
-        values, _ = self.solved(weight, variance, good)
+    def compute_residuals(self, weight, variance, is_solvable):
+        values, _ = self.solve(weight, variance, is_solvable)
         return self.position - np.einsum("ki,ik->k", np.nan_to_num(values)[self.source], self.design)
 
-    def squares(self, weight, variance, good):
-        """Σ w r²/(σ² + s²) of every source and its slope by s²."""
-        share = 1 / (self.noise + variance[self.source])
-        terms = weight * self.residual(weight, variance, good) ** 2 * share
-        return self.sum_per_source(terms), -self.sum_per_source(terms * share)
+    def sum_squares(self, weight, variance, is_solvable):
+        """Compute Σ w r²/(σ² + s²) of every source and its slope by s²."""
+        inverse_variance = 1 / (self.noise + variance[self.source])
+        terms = weight * self.compute_residuals(weight, variance, is_solvable) ** 2 * inverse_variance
+        return self.sum_per_source(terms), -self.sum_per_source(terms * inverse_variance)
 
-    def of(self, selection):
-        """Only some of the sources, numbered anew, and which observations are theirs."""
-        inside = selection[self.source]
-        number = np.cumsum(selection) - 1
-        design, position, error = self.design[:, inside], self.position[inside], np.sqrt(self.noise[inside])
-        return _LeastSquares(number[self.source[inside]], int(selection.sum()), design, position, error), inside
+    def select(self, is_selected):
+        """Select some of the sources, numbered anew, and find which observations are theirs."""
+        is_theirs = is_selected[self.source]
+        number = np.cumsum(is_selected) - 1
+        design, position, error = self.design[:, is_theirs], self.position[is_theirs], np.sqrt(self.noise[is_theirs])
+        return _LeastSquares(number[self.source[is_theirs]], int(is_selected.sum()), design, position, error), is_theirs
 
 
-def _robust_weights(sums, good):
-    """Weights of the observations and variances of the excess noise."""
-    weight, variance = np.ones(len(sums.source)), np.zeros(sums.n)
-    squares, _ = sums.squares(weight, variance, good)
-    noisy = good & (squares > sums.counts - sums.parameters)  # the others are as their errors say
-    if not noisy.any():
+def _find_robust_weights(sources, is_solvable):
+    """Find the weights of the observations and the variances of the excess noise, in turn."""
+    weight, variance = np.ones(len(sources.source)), np.zeros(sources.n)
+    squares, _ = sources.sum_squares(weight, variance, is_solvable)
+    is_noisy = is_solvable & (squares > sources.counts - sources.parameters)  # the others are as their errors say
+    if not is_noisy.any():
         return weight, variance
-    subset, inside = sums.of(noisy)
-    all_of = np.ones(subset.n, bool)
-    excess = _dispersion(subset) ** 2
-    mine = downweighting_factor(subset.position / np.sqrt(subset.noise + excess[subset.source]))
-    moving = np.ones(subset.n, bool)
+    subset, is_theirs = sources.select(is_noisy)
+    everything = np.ones(subset.n, bool)
+    excess = _estimate_dispersion(subset) ** 2
+    weights = downweighting_factor(subset.position / np.sqrt(subset.noise + excess[subset.source]))
+    is_moving = np.ones(subset.n, bool)
     for _ in range(_ROUNDS):
-        squares, slope = subset.squares(mine, excess, all_of)
-        following = np.maximum(excess - squares / slope * (squares / _degrees_of_freedom(subset, mine) - 1), 0.0)
-        step = np.abs(following - excess)
-        excess = np.where(moving, following, excess)
-        fresh = downweighting_factor(
-            subset.residual(mine, excess, all_of) / np.sqrt(subset.noise + excess[subset.source])
+        squares, slope = subset.sum_squares(weights, excess, everything)
+        next_excess = np.maximum(excess - squares / slope * (squares / _count_dof(subset, weights) - 1), 0.0)
+        step = np.abs(next_excess - excess)
+        excess = np.where(is_moving, next_excess, excess)
+        next_weights = downweighting_factor(
+            subset.compute_residuals(weights, excess, everything) / np.sqrt(subset.noise + excess[subset.source])
         )
-        mine = np.where(moving[subset.source], fresh, mine)
-        moving = moving & (step > _TOLERANCE * excess)
-        if not moving.any():
+        weights = np.where(is_moving[subset.source], next_weights, weights)
+        is_moving = is_moving & (step > _TOLERANCE * excess)
+        if not is_moving.any():
             break
-    weight[inside], variance[noisy] = mine, _excess_variance(subset, mine, all_of)
+    weight[is_theirs], variance[is_noisy] = weights, _find_excess_variance(subset, weights, everything)
     return weight, variance
 
 
-def _degrees_of_freedom(sums, weight):
-    """Degrees of freedom, outliers not counted."""
-    return np.maximum(sums.counts - sums.parameters - sums.sum_per_source((weight < _OUTLIER).astype(float)), 1)
+def _count_dof(group, weight):
+    """Count the degrees of freedom of each source of a group, without its outliers."""
+    return np.maximum(group.counts - group.parameters - group.sum_per_source((weight < _OUTLIER).astype(float)), 1)
 
 
-def _dispersion(sums):
-    """Half the range of the middle four sixths of the positions, and the median's size: a first excess noise."""
-    order = np.lexsort([sums.position, sums.source])
-    positions, starts = sums.position[order], np.concatenate([[0], np.cumsum(sums.counts)[:-1]])
+def _estimate_dispersion(sources):
+    """Estimate a first excess noise: half the range of the middle four sixths of the positions, and the median."""
+    order = np.lexsort([sources.position, sources.source])
+    positions, starts = sources.position[order], np.concatenate([[0], np.cumsum(sources.counts)[:-1]])
 
-    def quantile(share):
-        at = share * (sums.counts - 1)
-        lower = np.floor(at).astype(int)
-        upper = np.minimum(lower + 1, sums.counts - 1)
-        return positions[starts + lower] + (at - lower) * (positions[starts + upper] - positions[starts + lower])
+    def find_quantile(share):
+        rank = share * (sources.counts - 1)
+        lower = np.floor(rank).astype(int)
+        upper = np.minimum(lower + 1, sources.counts - 1)
+        return positions[starts + lower] + (rank - lower) * (positions[starts + upper] - positions[starts + lower])
 
-    return (quantile(5 / 6) - quantile(1 / 6)) / 2 + np.abs(quantile(1 / 2))
+    return (find_quantile(5 / 6) - find_quantile(1 / 6)) / 2 + np.abs(find_quantile(1 / 2))
 
 
-def _excess_variance(sums, weight, all_of):
-    """The excess variance with which Σ w r²/(σ² + s²) equals the degrees of freedom; zero if it is smaller anyway."""
-    excess, freedom = np.zeros(sums.n), _degrees_of_freedom(sums, weight)
-    squares, slope = sums.squares(weight, excess, all_of)
-    moving = squares > freedom
+def _find_excess_variance(sources, weight, is_solvable):
+    """Find the excess variance with which Σ w r²/(σ² + s²) equals the degrees of freedom; zero if it is below."""
+    excess, dof = np.zeros(sources.n), _count_dof(sources, weight)
+    squares, slope = sources.sum_squares(weight, excess, is_solvable)
+    is_moving = squares > dof
     for _ in range(_STEPS + 1):
-        following = np.maximum(excess - squares / slope * (squares / freedom - 1), 0.0)
-        step = np.abs(following - excess)
-        excess = np.where(moving, following, excess)
-        moving = moving & (step > _TOLERANCE * excess)
-        if not moving.any():
+        next_excess = np.maximum(excess - squares / slope * (squares / dof - 1), 0.0)
+        step = np.abs(next_excess - excess)
+        excess = np.where(is_moving, next_excess, excess)
+        is_moving = is_moving & (step > _TOLERANCE * excess)
+        if not is_moving.any():
             break
-        squares, slope = sums.squares(weight, excess, all_of)
+        squares, slope = sources.sum_squares(weight, excess, is_solvable)
     return excess

@@ -46,14 +46,14 @@ def add_sums(first: Any, second: Any) -> Any:
         keys = dict.fromkeys([*first, *second])
         return {key: add_sums(first.get(key), second.get(key)) for key in keys}
     if isinstance(first, tuple):
-        return tuple(add_sums(item, other_item) for item, other_item in zip(first, second, strict=True))
+        return tuple(add_sums(term, other_term) for term, other_term in zip(first, second, strict=True))
     return first + second
 
 
-def total_of(some: Iterable[Any]) -> Any:
-    """The sum of a few, from the first to the last; None if there is none."""
+def sum_terms(terms: Iterable[Any]) -> Any:
+    """Sum some terms, from the first to the last; None if there is none."""
     total = None
-    for term in some:
+    for term in terms:
         total = add_sums(total, term)
     return total
 
@@ -82,7 +82,7 @@ class SumTree:
             self.levels[level].append(leaf)
             if len(self.levels[level]) < BRANCHES:
                 return
-            leaf, self.levels[level] = total_of(self.levels[level]), []
+            leaf, self.levels[level] = sum_terms(self.levels[level]), []
             level += 1
 
     def total(self) -> Any:
@@ -90,12 +90,12 @@ class SumTree:
         carry: list[Any] = []
         for level in self.levels:
             nodes = level + carry
-            carry = [total_of(nodes)] if nodes else []
+            carry = [sum_terms(nodes)] if nodes else []
         return carry[0] if carry else None
 
 
-def label_of(piece: Any) -> str:
-    """Label of a part in messages."""
+def find_label(piece: Any) -> str:
+    """Find the label of a part in messages."""
     if hasattr(piece, "__fspath__") or isinstance(piece, str):
         return str(piece)
     key = getattr(piece, "key", None)
@@ -207,25 +207,25 @@ class Processes(Engine):
 
     def _run_in_order(self, work, pieces, callback) -> Iterator[Any]:
         """The results in the order of the pieces."""
-        ready, following = {}, 0
-        for number, result in self._run_to_the_end(work, pieces):
+        ready, next_number = {}, 0
+        for number, result in self._run_despite_kills(work, pieces):
             ready[number] = result
             callback()
-            while following in ready:
-                yield ready.pop(following)
-                following += 1
+            while next_number in ready:
+                yield ready.pop(next_number)
+                next_number += 1
 
-    def _run_to_the_end(self, work, pieces):
+    def _run_despite_kills(self, work, pieces):
         """Numbers and results as they come, however often a process is killed."""
-        waiting, suspects, single = list(range(len(pieces))), [], []
+        waiting, suspects, single_pool = list(range(len(pieces))), [], []
         while waiting:
             yield from self._run_together(work, pieces, waiting, suspects)
             # After a process was killed, the parts that were under way go one by one: the guilty one is known then.
             for number in suspects:
-                yield number, self._run_alone(work, pieces, number, single)
+                yield number, self._run_alone(work, pieces, number, single_pool)
             suspects.clear()
-            if single:
-                single.pop().shutdown()
+            if single_pool:
+                single_pool.pop().shutdown()
 
     def _run_together(self, work, pieces, waiting, suspects):
         """Numbers and results as they come; what a broken pool leaves undone goes to `suspects`."""
@@ -251,18 +251,18 @@ class Processes(Engine):
                 future.cancel()
             raise
 
-    def _run_alone(self, work, pieces, number, single):
-        """The result of one part by itself; `single` holds the process that is used again until a part ends it."""
+    def _run_alone(self, work, pieces, number, single_pool):
+        """The result of one part by itself; `single_pool` holds the process that is used again until a part ends it."""
         for _ in range(ATTEMPTS):
-            if not single:
-                single.append(process_pool(1))
+            if not single_pool:
+                single_pool.append(process_pool(1))
             try:
                 with delay_interrupts():
-                    future = single[0].submit(work, pieces[number])
+                    future = single_pool[0].submit(work, pieces[number])
                 return future.result()
             except BrokenExecutor:
-                single.pop()
-        name = f"part {number + 1} of {len(pieces)}, {label_of(pieces[number])}, ended the process that read it"
+                single_pool.pop()
+        name = f"part {number + 1} of {len(pieces)}, {find_label(pieces[number])}, ended the process that read it"
         script = 'A script that starts workers needs its work under `if __name__ == "__main__":`'
         memory = "is there memory enough for it? Take fewer workers, or smaller parts"
         if number == 0 and not self._worked:
@@ -288,17 +288,17 @@ class LostNotes(list):
         return LostNotes(merge_notes(self, other))
 
 
-def _message_with_piece(piece, error):
-    """Message of an error, with its file."""
-    name = label_of(piece)
+def _add_piece_name(piece, error):
+    """Add the name of a part to the message of an error, unless it is there."""
+    name = find_label(piece)
     return str(error) if name in str(error) or isinstance(piece, Field) else f"{name}: {error}"
 
 
-def _unusable_rows_error(piece, error):
-    """The error of a part all of whose rows are bad, with what can be done."""
-    empty = EmptyFieldError(f'{_message_with_piece(piece, error)}. Leave them out with on_bad="drop" (--on-bad drop)')
-    empty.notes = error.notes
-    return empty
+def _make_unusable_rows_error(piece, error):
+    """Make the error of a part all of whose rows are bad, with what can be done."""
+    unusable = EmptyFieldError(f'{_add_piece_name(piece, error)}. Leave them out with on_bad="drop" (--on-bad drop)')
+    unusable.notes = error.notes
+    return unusable
 
 
 @dataclass(frozen=True)
@@ -322,34 +322,34 @@ class PartSum:
         with limit_threads(self.threads):
             try:
                 for block in _read_ahead(*(begun.result() if begun else self.begin(piece))):
-                    field, lost = apply_steps(self.steps, block)
-                    notes = notes + lost
+                    field, lost_notes = apply_steps(self.steps, block)
+                    notes = notes + lost_notes
                     if field is not None:
                         total, sources = add_sums(total, self.function(field)), sources + len(field)
             except EmptyFieldError as error:  # of the whole part: a reader hands on what is lost of some of it
                 empty_selection = isinstance(error, EmptySelectionError)  # other parts may hold some
                 if error.notes and not empty_selection and getattr(self.read, "on_bad", "drop") == "raise":
-                    raise _unusable_rows_error(piece, error) from error
+                    raise _make_unusable_rows_error(piece, error) from error
                 notes = notes + LostNotes(error.notes)
             except (FieldError, TableError) as error:
-                raise type(error)(_message_with_piece(piece, error)) from error
+                raise type(error)(_add_piece_name(piece, error)) from error
             except VshError:
                 raise
             except Exception as error:  # of a step or of what is summed
-                error.add_note(f"in the part {label_of(piece)}")
+                error.add_note(f"in the part {find_label(piece)}")
                 raise
         return total, notes, sources
 
 
 #: How long a scheduler may take to answer. [s]
 PATIENCE = 20
-_KEY = "vsh-part-"
+_KEY_PREFIX = "vsh-part-"
 
 
-def is_delayed(thing: Any) -> bool:
+def is_delayed(value: Any) -> bool:
     """Return whether an object is one value of Dask's that is computed when it is asked for, not a collection of
     them."""
-    cls = type(thing)  # a delayed object itself has any attribute that is asked for
+    cls = type(value)  # a delayed object itself has any attribute that is asked for
     return hasattr(cls, "__dask_graph__") and not hasattr(cls, "to_delayed")
 
 
@@ -381,7 +381,7 @@ class Dask(Engine):
         """
         if not pieces:
             return None
-        with self._client() as client:
+        with self._open_client() as client:
             if client is None:
                 return self._sum_locally(work, pieces, done)
             return _sum_on_cluster(client, work, pieces, done)
@@ -396,23 +396,23 @@ class Dask(Engine):
         """
         if not is_delayed(piece):
             return piece
-        with self._client() as client:
+        with self._open_client() as client:
             return client.compute(piece).result() if client else piece.compute(scheduler="threads")
 
     def _sum_locally(self, work, pieces, callback):
-        root = _delayed_tree(_delayed_sums(work, pieces))
+        root = _delay_tree(_delay_sums(work, pieces))
         from dask.callbacks import Callback
 
-        def after(key, *_):
-            if str(key).startswith(_KEY):
+        def report_part(key, *_):
+            if str(key).startswith(_KEY_PREFIX):
                 callback()
 
         options = {"scheduler": "processes", "num_workers": self.workers} if self.workers else {"scheduler": "threads"}
-        with Callback(posttask=after):
+        with Callback(posttask=report_part):
             return _run_with_translated_errors(lambda: root.compute(**options), pieces)
 
-    def _client(self):
-        """A context with a client, which is closed if it was opened here; with None where there is no cluster."""
+    def _open_client(self):
+        """Open a context with a client, which is closed if it was opened here; with None where there is no cluster."""
         try:
             import distributed
         except ImportError as error:
@@ -431,12 +431,12 @@ class Dask(Engine):
             and self.address in (client.scheduler.address, client.scheduler_file)
         ):
             return nullcontext(client)
-        file = "://" not in self.address
-        if file and not Path(self.address).is_file():  # for which Dask would wait for ever
+        is_file = "://" not in self.address
+        if is_file and not Path(self.address).is_file():  # for which Dask would wait for ever
             raise TableError(f"{self.address} is neither an address such as tcp://host:8786 nor a scheduler file")
-        if file:
+        if is_file:
             _check_scheduler_file(self.address)
-        location = {"scheduler_file" if file else "address": self.address}
+        location = {"scheduler_file" if is_file else "address": self.address}
         try:
             with _silence_log("distributed"):  # which tells what it tries meanwhile
                 return closing(distributed.Client(**location, timeout=PATIENCE, set_as_default=False))
@@ -460,23 +460,23 @@ def _check_scheduler_file(path):
 @contextmanager
 def _silence_log(name):
     logger = logging.getLogger(name)
-    before = logger.level
+    level = logger.level
     logger.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        logger.setLevel(before)
+        logger.setLevel(level)
 
 
-def _delayed_sums(work, pieces):
-    """The sums of the parts, delayed; under new names, so that nothing that failed is remembered."""
-    leaf, run = _import_dask().delayed(work, pure=False), uuid4().hex[:12]
-    return [leaf(piece, dask_key_name=f"{_KEY}{i}-{run}") for i, piece in enumerate(pieces)]
+def _delay_sums(work, pieces):
+    """Delay the sums of the parts; under new names, so that nothing that failed is remembered."""
+    delayed_work, run = _import_dask().delayed(work, pure=False), uuid4().hex[:12]
+    return [delayed_work(piece, dask_key_name=f"{_KEY_PREFIX}{i}-{run}") for i, piece in enumerate(pieces)]
 
 
-def _delayed_tree(level):
-    """The tree over them, delayed."""
-    add = _import_dask().delayed(total_of, pure=False)
+def _delay_tree(level):
+    """Delay the tree of sums over some delayed ones."""
+    add = _import_dask().delayed(sum_terms, pure=False)
     while len(level) > 1:
         groups = [level[i : i + BRANCHES] for i in range(0, len(level), BRANCHES)]
         level = [add(group) if len(group) > 1 else group[0] for group in groups]
@@ -486,9 +486,9 @@ def _delayed_tree(level):
 def _sum_on_cluster(client, work, pieces, callback):
     from distributed.scheduler import KilledWorker
 
-    leaves = _delayed_sums(work, pieces)
+    leaves = _delay_sums(work, pieces)
     try:
-        return _run_with_translated_errors(lambda: _gather(client, leaves, callback), pieces)
+        return _run_with_translated_errors(lambda: _gather_sums(client, leaves, callback), pieces)
     except KilledWorker as error:
         key = str(error.task)
     # Parts that waited at the same worker are blamed too. Alone, the guilty one does it again, and it alone.
@@ -496,12 +496,12 @@ def _sum_on_cluster(client, work, pieces, callback):
     suspects = [i for i in numbers if key in (leaves[i].key, getattr(pieces[i], "key", None))]
     for number in [*suspects, *(i for i in numbers if i not in suspects)]:
         try:
-            client.compute(_delayed_sums(work, [pieces[number]])[0]).result()
+            client.compute(_delay_sums(work, [pieces[number]])[0]).result()
         except KilledWorker as error:
-            name = f"part {number + 1} of {len(pieces)}, {label_of(pieces[number])}"
+            name = f"part {number + 1} of {len(pieces)}, {find_label(pieces[number])}"
             raise TableError(f"{name}, ended every worker that computed it ({error})") from error
     try:
-        return _gather(client, _delayed_sums(work, pieces), lambda: None)
+        return _gather_sums(client, _delay_sums(work, pieces), lambda: None)
     except KilledWorker as error:
         raise TableError(f"workers ended while they computed {error.task} ({error})") from error
 
@@ -519,24 +519,24 @@ def _find_failing_part(pieces):
 
 def _run_with_translated_errors(compute, pieces):
     """Convert an error of Dask's own graph into one of ours."""
-    ended: tuple[type[BaseException], ...] = (VshError, MemoryError)
+    passed_on: tuple[type[BaseException], ...] = (VshError, MemoryError)
     with suppress(ImportError):  # Dask's own threads and processes do without
         from distributed.scheduler import KilledWorker
 
-        ended = (*ended, KilledWorker)
+        passed_on = (*passed_on, KilledWorker)
     try:
         return compute()
-    except ended:
+    except passed_on:
         raise
     except Exception as error:  # whatever the graph of a part raises
         message, cause = _find_failing_part(pieces)
         raise TableError(f"{message}: {type(cause or error).__name__}: {first_line(cause or error)}") from error
 
 
-def _gather(client, leaves, callback):
+def _gather_sums(client, leaves, callback):
     from distributed import as_completed
 
-    *futures, total = client.compute([*leaves, _delayed_tree(leaves)])
+    *futures, total = client.compute([*leaves, _delay_tree(leaves)])
     # Each is let go when it is done: the tree keeps what it still needs.
     completions = as_completed(futures, loop=client.loop)
     del futures
@@ -565,8 +565,8 @@ def _import_dask():
 KEPT = 2**30
 
 
-def delayed_partitions(collection: Any, columns: Sequence[str]) -> list[Any]:
-    """Some columns of a collection of Dask or LSDB, as delayed partitions.
+def delay_partitions(collection: Any, columns: Sequence[str]) -> list[Any]:
+    """Delay the partitions of a collection of Dask or LSDB, with some columns of it.
 
     LSDB reads all columns of a catalogue that was opened with them, and chooses then: as long as nothing else was done
     to it, it is opened again with those that are expected. What fits into a gibibyte is read once, and kept for the
@@ -582,12 +582,12 @@ def delayed_partitions(collection: Any, columns: Sequence[str]) -> list[Any]:
     rows = getattr(getattr(structure, "catalog_info", None), "total_rows", None)
     catalogue = _reopen_catalogue(collection, operation, structure, names)
     partitions = (collection[names] if catalogue is None else catalogue).to_delayed()
-    fits = rows and 8 * int(rows) * len(names) <= KEPT
-    return list(dask.persist(*partitions)) if fits else partitions
+    fits_memory = rows and 8 * int(rows) * len(names) <= KEPT
+    return list(dask.persist(*partitions)) if fits_memory else partitions
 
 
 def _reopen_catalogue(collection, operation, structure, names):
-    """A catalogue of LSDB as it was opened, with fewer columns; None where something else was done to it."""
+    """Open a catalogue of LSDB as it was opened, with fewer columns; None where something else was done to it."""
     path = getattr(structure, "catalog_path", None)
     if path is None or type(operation).__name__ != "FromHealpixMap" or set(names) == set(collection.columns):
         return None

@@ -135,9 +135,9 @@ class Parts(InNotebook):
         work = PartSum(self.read, self.steps, function, read_roles, self.engine.threads)
         bar = progress_bar(total=len(self.pieces), words=words, shown=progress and len(self.pieces) > 1, unit=" parts")
         with bar:
-            result = self.engine.total(work, self.pieces, bar.update)
+            part_sums = self.engine.total(work, self.pieces, bar.update)
         total: Any
-        total, notes, sources = (None, LostNotes(), 0) if result is None else result
+        total, notes, sources = (None, LostNotes(), 0) if part_sums is None else part_sums
         if not sources:
             error = EmptyFieldError("no part holds a source that can be used: " + ("; ".join(notes) or "all are empty"))
             error.notes = tuple(notes)
@@ -163,12 +163,12 @@ class Parts(InNotebook):
         return self.sum(len, roles=(), words="counting")
 
 
-def as_parts(field: Any, kind: type = Field) -> Parts:
+def as_parts(field: Any, source_class: type = Field) -> Parts:
     """Parts as they are; a Field, or Fields in a list, as parts."""
     if isinstance(field, Parts):
         return field
-    fields = (field,) if isinstance(field, kind) else tuple(field) if isinstance(field, list | tuple) else ()
-    if not fields or not all(isinstance(field, kind) for field in fields):
+    fields = (field,) if isinstance(field, source_class) else tuple(field) if isinstance(field, list | tuple) else ()
+    if not fields or not all(isinstance(field, source_class) for field in fields):
         raise FieldError(
             f"a Field, a list of Fields, or parts of a catalogue, are expected, not {type(field).__name__}"
         )
@@ -189,7 +189,7 @@ def yield_field(field: Field, roles: tuple[str, ...]) -> Iterator[Field]:
 
 def check_fields_or_parts(name: str, value: Any) -> Any:
     """A Field, Parts, or a list, tuple or stream of Fields."""
-    is_list = isinstance(value, (list, tuple)) and value and all(isinstance(item, Field) for item in value)
+    is_list = isinstance(value, (list, tuple)) and value and all(isinstance(field, Field) for field in value)
     if isinstance(value, Field | Parts) or is_list or hasattr(value, "__next__"):
         return value
     raise ParameterError(f"{name} must be a Field, or a list or stream of Fields, not {type(value).__name__}")
@@ -197,17 +197,17 @@ def check_fields_or_parts(name: str, value: Any) -> Any:
 
 #: Bins: 512 in every factor of two, from 2⁻⁶⁴ to 2⁶⁴. What lies beyond is in the first and the last.
 BINS = 2**16
-_FINE, _LOWEST = 9, 1023 - 64
+_BITS_OF_BIN, _LOWEST_EXPONENT = 9, 1023 - 64
 
 
 def median(sky: Parts, numbers: Callable[[Field], FloatArray], words: str = "median") -> float:
     """The median over all sources, as np.median gives it for all at once."""
     if sky.in_memory is not None:
         return float(np.median(numbers(sky.in_memory)))
-    counts = sky.sum(partial(_histogram, numbers=numbers, weights=None), roles=(), words=words)
+    counts = sky.sum(partial(_sum_weights_by_bin, numbers=numbers, weights=None), roles=(), words=words)
     n = int(counts.sum())
-    middle = [(n + 1) // 2, n // 2 + 1]
-    return float(np.mean(_numbers_at_weights(sky, numbers, None, counts, middle, (), words)))
+    ranks = [(n + 1) // 2, n // 2 + 1]
+    return float(np.mean(_find_numbers_at_weights(sky, numbers, None, counts, ranks, (), words)))
 
 
 def weighted_quantiles(
@@ -220,45 +220,45 @@ def weighted_quantiles(
     words: str = "quantiles",
 ) -> FloatArray:
     """Weighted quantiles: for each share, the least value up to which sources have that share of the weight."""
-    counts = sky.sum(partial(_histogram, numbers=numbers, weights=weights), roles=roles, words=words)
-    return _numbers_at_weights(sky, numbers, weights, counts, np.asarray(shares) * counts.sum(), roles, words)
+    counts = sky.sum(partial(_sum_weights_by_bin, numbers=numbers, weights=weights), roles=roles, words=words)
+    return _find_numbers_at_weights(sky, numbers, weights, counts, np.asarray(shares) * counts.sum(), roles, words)
 
 
-def _numbers_at_weights(sky, numbers, weights, counts, targets, roles, label):
-    """The numbers at which the cumulative weight reaches the targets."""
+def _find_numbers_at_weights(sky, numbers, weights, counts, targets, roles, label):
+    """Find the numbers at which the cumulative weight reaches the targets."""
     cumulative_weight = np.cumsum(counts)
     bins = np.searchsorted(cumulative_weight, np.minimum(targets, cumulative_weight[-1]))
     target_bins = np.unique(bins)
     contents = sky.sum(
-        partial(_numbers_in_bins, numbers=numbers, weights=weights, bins=target_bins), roles=roles, words=label
+        partial(_select_numbers_in_bins, numbers=numbers, weights=weights, bins=target_bins), roles=roles, words=label
     )
-    sources = []
+    numbers_at_targets = []
     for bin_, target in zip(bins, targets, strict=True):
-        values, mass = (np.concatenate(column) for column in zip(*contents[int(bin_)], strict=True))
-        order = np.argsort(values, kind="stable")
+        numbers_in_bin, weights_in_bin = (np.concatenate(column) for column in zip(*contents[int(bin_)], strict=True))
+        order = np.argsort(numbers_in_bin, kind="stable")
         below = cumulative_weight[bin_] - counts[bin_]
-        index = np.searchsorted(below + np.cumsum(mass[order]), target)
-        sources.append(values[order[min(index, len(order) - 1)]])
-    return np.array(sources)
+        index = np.searchsorted(below + np.cumsum(weights_in_bin[order]), target)
+        numbers_at_targets.append(numbers_in_bin[order[min(index, len(order) - 1)]])
+    return np.array(numbers_at_targets)
 
 
-def bin_of(numbers: FloatArray) -> IntArray:
-    """The bin of each number: a larger one is never in a lower bin, whatever the rounding of logarithms."""
-    bits = np.ascontiguousarray(numbers, float).view(np.int64) >> (52 - _FINE)
-    return np.clip(bits - (_LOWEST << _FINE), 0, BINS - 1)
+def find_bins(numbers: FloatArray) -> IntArray:
+    """Find the bin of each number: a larger one is never in a lower bin, whatever the rounding of logarithms."""
+    bits = np.ascontiguousarray(numbers, float).view(np.int64) >> (52 - _BITS_OF_BIN)
+    return np.clip(bits - (_LOWEST_EXPONENT << _BITS_OF_BIN), 0, BINS - 1)
 
 
-def _histogram(field, numbers, weights):
-    mass = None if weights is None else weights(field)
-    return np.bincount(bin_of(numbers(field)), mass, BINS)
+def _sum_weights_by_bin(field, numbers, weights):
+    field_weights = None if weights is None else weights(field)
+    return np.bincount(find_bins(numbers(field)), field_weights, BINS)
 
 
-def _numbers_in_bins(field, numbers, weights, bins):
-    """Numbers and weights of the sources in some bins, a list for each, which grow by the parts."""
-    values = numbers(field)
-    mass = np.ones(len(values)) if weights is None else weights(field)
-    value_bins = bin_of(values)
-    return {int(bin_): [(values[value_bins == bin_], mass[value_bins == bin_])] for bin_ in bins}
+def _select_numbers_in_bins(field, numbers, weights, bins):
+    """Select numbers and weights of the sources in some bins, a list for each, which grow by the parts."""
+    field_numbers = numbers(field)
+    field_weights = np.ones(len(field_numbers)) if weights is None else weights(field)
+    number_bins = find_bins(field_numbers)
+    return {int(bin_): [(field_numbers[number_bins == bin_], field_weights[number_bins == bin_])] for bin_ in bins}
 
 
 def sample_of(sky: Parts, n_sources: int = 20_000, total: int | None = None, draw: int = 0) -> Any:
@@ -266,14 +266,14 @@ def sample_of(sky: Parts, n_sources: int = 20_000, total: int | None = None, dra
     share = n_sources / max(total or sky.counted(), 1)
     if (field := sky.in_memory) is not None:
         return _choose_share(field, share, draw)
-    columns: dict[str, Any] = sky.sum(partial(_sample_columns, share=share, draw=draw), roles=(), words="a sample")
+    columns: dict[str, Any] = sky.sum(partial(_draw_columns, share=share, draw=draw), roles=(), words="a sample")
     frames = columns.pop("frame")
     arrays: dict[str, Any] = {name: np.concatenate(values, axis=-1) for name, values in columns.items()}
-    return Field(**arrays, frame=single_frame(frames))
+    return Field(**arrays, frame=find_single_frame(frames))
 
 
-def single_frame(frames: Iterable[str]) -> str:
-    """The frame that all parts are in; FrameError where there are several."""
+def find_single_frame(frames: Iterable[str]) -> str:
+    """Find the frame that all parts are in; FrameError where there are several."""
     names = sorted(set(frames))
     if len(names) > 1:
         raise FrameError(f"parts are in several frames: {', '.join(names)}")
@@ -281,10 +281,10 @@ def single_frame(frames: Iterable[str]) -> str:
 
 
 def _choose_share(field, share, draw):
-    """A share of the sources by their places to a nanoradian: tables in degrees change the last bits."""
+    """Choose a share of the sources by their places to a nanoradian: tables in degrees change the last bits."""
     return field[select_share(share, np.round(field.lon, 9), np.round(field.lat, 9), draw=draw)]
 
 
-def _sample_columns(field, share, draw):
+def _draw_columns(field, share, draw):
     sample = _choose_share(field, share, draw)
     return {name: [getattr(sample, name)] for name in ("lon", "lat", "motion", "sigma", "rho", "frame")}

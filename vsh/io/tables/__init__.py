@@ -4,7 +4,7 @@ Every way a file can be unreadable ends in a TableError that names it.
 """
 
 from vsh.io.sections import format_table
-from vsh.io.tables._fits import fits_rows, open_checked_fits
+from vsh.io.tables._fits import count_fits_rows, open_checked_fits
 from vsh.io.tables._open import (
     STANDARD_INPUT,
     RemotePath,

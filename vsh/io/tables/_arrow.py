@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.io.tables._source import FRAME_KEY, TableSource, as_table_error, join_blocks, number_twins, unpacked_file
+from vsh.io.tables._source import FRAME_KEY, TableSource, as_table_error, join_blocks, number_twins, unpack_file
 from vsh.tools.errors import TableError
 from vsh.tools.files import check_unpacked_size
 from vsh.tools.printing import printable
@@ -24,17 +24,17 @@ def open_parquet(paths: PathName | Sequence[PathName], label: str) -> TableSourc
         return _open_parquet_file(paths, label)
     with as_table_error(f"{label} cannot be read as Parquet"):
         options = dataset_module.ParquetFragmentScanOptions(page_checksum_verification=True)
-        form = dataset_module.ParquetFileFormat(default_fragment_scan_options=options)
-        dataset = dataset_module.dataset([str(path) for path in paths], format=form)
+        file_format = dataset_module.ParquetFileFormat(default_fragment_scan_options=options)
+        dataset = dataset_module.dataset([str(path) for path in paths], format=file_format)
         schema = dataset.schema
     _check_fragments(dataset, label)
 
-    def batches(names, rows):
+    def read_batches(names, rows):
         return dataset.to_batches(
             columns=list(names), batch_size=min(rows, 2**17), batch_readahead=1, fragment_readahead=1
         )
 
-    return _make_source(label, schema, batches)
+    return _make_source(label, schema, read_batches)
 
 
 def _open_parquet_file(path, label):
@@ -42,20 +42,20 @@ def _open_parquet_file(path, label):
     from pyarrow.parquet import ParquetFile
 
     with as_table_error(f"{label} cannot be read as Parquet"):
-        plain = unpacked_file(path, label)
+        plain = unpack_file(path, label)
 
-    def open_parts_of_file(footer=None):  # which keeps an unpacked copy for as long as it is read
+    def open_file(footer=None):  # which keeps an unpacked copy for as long as it is read
         return ParquetFile(str(plain.name), metadata=footer, page_checksum_verification=True)
 
-    with as_table_error(f"{label} cannot be read as Parquet"), open_parts_of_file() as file:
+    with as_table_error(f"{label} cannot be read as Parquet"), open_file() as file:
         schema, footer = file.schema_arrow, file.metadata
-    check_unpacked_size(label, 8 * footer.num_rows * min(len(schema.names), _NEEDED), os.path.getsize(plain.name))
+    check_unpacked_size(label, 8 * footer.num_rows * min(len(schema.names), _FEWEST), os.path.getsize(plain.name))
 
-    def batches(names, rows):
-        with open_parts_of_file(footer) as file:
+    def read_batches(names, rows):
+        with open_file(footer) as file:
             yield from file.iter_batches(rows, columns=list(names))
 
-    return _make_source(label, schema, batches)
+    return _make_source(label, schema, read_batches)
 
 
 def open_parquet_at(filesystem: Any, path: str, label: str) -> TableSource:
@@ -71,7 +71,7 @@ def open_parquet_at(filesystem: Any, path: str, label: str) -> TableSource:
         schema, footer = file.schema_arrow, file.metadata
         file.close(force=True)
 
-    def batches(names, rows):
+    def read_batches(names, rows):
         file = open_remote_file(footer)
         try:
             with as_table_error(f"{label} cannot be read", ". Start again: it is fetched again"):
@@ -79,7 +79,7 @@ def open_parquet_at(filesystem: Any, path: str, label: str) -> TableSource:
         finally:
             file.close(force=True)
 
-    return _make_source(label, schema, batches)
+    return _make_source(label, schema, read_batches)
 
 
 def _check_fragments(dataset, label):
@@ -88,23 +88,23 @@ def _check_fragments(dataset, label):
     for fragment in dataset.get_fragments():
         with as_table_error(f"{label} cannot be read as Parquet"):
             schema = fragment.physical_schema
-        units = {name: str(unit) for name, unit in _header(schema)[0].items()}
+        units = {name: str(unit) for name, unit in _read_schema(schema)[0].items()}
         columns = {field.name: (str(field.type), units.get(field.name)) for field in schema}
         first = first or (fragment, columns)
         differing = [name for name in {**first[1], **columns} if columns.get(name) != first[1].get(name)]
         if differing:
             name = differing[0]
             one, other = (
-                " in ".join(filter(None, found)) if (found := each.get(name)) else "missing"
-                for each in (first[1], columns)
+                " in ".join(filter(None, type_and_unit)) if (type_and_unit := named_columns.get(name)) else "missing"
+                for named_columns in (first[1], columns)
             )
             raise TableError(
                 f"{label}: its files differ in {', '.join(map(printable, differing[:5]))}: {printable(name)} is {one} "
-                f"in {printable(_name_of(first[0]))} and {other} in {printable(_name_of(fragment))}"
+                f"in {printable(_find_name(first[0]))} and {other} in {printable(_find_name(fragment))}"
             )
 
 
-def _name_of(fragment):
+def _find_name(fragment):
     return os.path.basename(getattr(fragment, "path", "") or "a part")
 
 
@@ -112,10 +112,10 @@ def open_dataset(dataset: Any, label: str) -> TableSource:
     """A pyarrow Dataset, wherever its files lie."""
     _check_fragments(dataset, label)
 
-    def batches(names, rows):
+    def read_batches(names, rows):
         return dataset.to_batches(columns=list(names), batch_size=min(rows, 2**17))
 
-    return _make_source(label, dataset.schema, batches)
+    return _make_source(label, dataset.schema, read_batches)
 
 
 def open_lazyframe(frame: Any, label: str) -> TableSource:
@@ -125,35 +125,35 @@ def open_lazyframe(frame: Any, label: str) -> TableSource:
         frame.collect_schema()
         empty = frame.head(0).collect().to_arrow()
 
-    def batches(request, rows):
+    def read_batches(request, rows):
         with as_table_error(f"{label} cannot be collected"):
             table = frame.select(list(request)).collect().to_arrow()
         return table.to_batches(max_chunksize=min(rows, 2**20))
 
-    return _make_source(label, empty.schema, batches)
+    return _make_source(label, empty.schema, read_batches)
 
 
-def open_stream(thing: Any, label: str) -> TableSource:
+def open_stream(table: Any, label: str) -> TableSource:
     """An object with `__arrow_c_stream__` or `__arrow_c_array__`: of pyarrow, polars, DuckDB, …"""
     arrow, _ = _import_pyarrow(label)
-    reader = _open_reader(arrow, thing, label)
+    reader = _open_reader(arrow, table, label)
     streams = [reader]
 
-    def batches(names, rows):
+    def read_batches(names, rows):
         # A table gives as many streams as are asked for; what streams once gives the one that is open.
-        stream = streams.pop() if streams else _open_reader(arrow, thing, label)
+        stream = streams.pop() if streams else _open_reader(arrow, table, label)
         for batch in stream:
             yield batch.select(list(names))
 
-    return _make_source(label, reader.schema, batches)
+    return _make_source(label, reader.schema, read_batches)
 
 
-def _open_reader(arrow, source, label):
+def _open_reader(arrow, table, label):
     kinds = (arrow.ArrowException, ValueError, TypeError)
     with as_table_error(f"{label} is no table, or its stream was read before", kinds=kinds):
-        if hasattr(source, "__arrow_c_stream__"):
-            return arrow.RecordBatchReader.from_stream(source)
-        batch = arrow.record_batch(source)
+        if hasattr(table, "__arrow_c_stream__"):
+            return arrow.RecordBatchReader.from_stream(table)
+        batch = arrow.record_batch(table)
         return arrow.RecordBatchReader.from_batches(batch.schema, [batch])
 
 
@@ -169,28 +169,28 @@ def _import_pyarrow(label):
 
 
 #: Columns that a catalogue has at least.
-_NEEDED = 6
+_FEWEST = 6
 
 
-def _make_source(label, schema, batches):
+def _make_source(label, schema, read_batches):
     if twins := number_twins(schema.names)[1]:
         raise TableError(f"{label}: several columns are called {', '.join(map(repr, sorted(twins)))}")
 
     def read(names, rows):
-        buffer, count, empty = [], 0, True
-        for batch in _wrap_read_errors(batches(names, rows), label):
+        buffer, count, is_empty = [], 0, True
+        for batch in _wrap_read_errors(read_batches(names, rows), label):
             while batch.num_rows:
-                take = min(rows - count, batch.num_rows)
-                buffer.append(batch.slice(0, take))
-                count += take
-                batch = batch.slice(take)
+                n_taken = min(rows - count, batch.num_rows)
+                buffer.append(batch.slice(0, n_taken))
+                count += n_taken
+                batch = batch.slice(n_taken)
                 if count == rows:
-                    yield _block(buffer, names, label)
-                    buffer, count, empty = [], 0, False
-        if buffer or empty:
-            yield _block(buffer, names, label)
+                    yield _join_batches(buffer, names, label)
+                    buffer, count, is_empty = [], 0, False
+        if buffer or is_empty:
+            yield _join_batches(buffer, names, label)
 
-    units, meta, descriptions = _header(schema)
+    units, meta, descriptions = _read_schema(schema)
     return TableSource(label, tuple(schema.names), read, units, meta, descriptions=descriptions)
 
 
@@ -199,14 +199,14 @@ def _wrap_read_errors(batches, label):
         yield from batches
 
 
-def _block(batches, names, label):
+def _join_batches(batches, names, label):
     if not batches:
         return {name: (np.empty(0), None) for name in names}
-    return {name: join_blocks([_column(batch.column(name), name, label) for batch in batches]) for name in names}
+    return {name: join_blocks([_convert_array(batch.column(name), name, label) for batch in batches]) for name in names}
 
 
-def _column(array, name, label):
-    """Values of an Arrow array, and a mask where some are missing; integers with missing values stay integers."""
+def _convert_array(array, name, label):
+    """Convert an Arrow array to values, and a mask where some are missing; integers with missing ones stay integers."""
     import pyarrow as pa
     from pyarrow import types
 
@@ -231,8 +231,8 @@ def _column(array, name, label):
         return array.to_numpy(zero_copy_only=False), mask
 
 
-def _header(schema):
-    """Units by column, metadata and descriptions, as astropy or the fields themselves have them."""
+def _read_schema(schema):
+    """Read units by column, metadata and descriptions, as astropy or the fields themselves have them."""
     units, descriptions = {}, {}
     for field in schema:
         for key in (b"unit", b"units"):
@@ -240,14 +240,14 @@ def _header(schema):
                 units[field.name] = field.metadata[key].decode("utf-8", "replace")
         if field.metadata and field.metadata.get(b"description"):
             descriptions[field.name] = field.metadata[b"description"].decode("utf-8", "replace")
-    text = (schema.metadata or {}).get(b"table_meta_yaml")
-    if not text:
-        meta = _pandas_attributes(schema)
+    yaml_header = (schema.metadata or {}).get(b"table_meta_yaml")
+    if not yaml_header:
+        meta = _read_pandas_attributes(schema)
         return dict(meta.pop("units", {})) | units, meta, descriptions
     from astropy.table.meta import get_header_from_yaml
 
     with as_table_error("the metadata that astropy wrote are damaged"):
-        header = get_header_from_yaml(re.split("\n", text.decode()))
+        header = get_header_from_yaml(re.split("\n", yaml_header.decode()))
         units |= {column["name"]: column["unit"] for column in header["datatype"] if "unit" in column}
         descriptions |= {
             column["name"]: str(column["description"]) for column in header["datatype"] if column.get("description")
@@ -255,8 +255,8 @@ def _header(schema):
         return units, dict(header.get("meta") or {}), descriptions
 
 
-def _pandas_attributes(schema):
-    """The attributes of the DataFrame that a schema is made from, and a frame that stands there by itself."""
+def _read_pandas_attributes(schema):
+    """Read the attributes of the DataFrame that a schema is made from, and a frame that stands there by itself."""
     metadata = schema.metadata or {}
     with as_table_error("the metadata that pandas wrote are damaged", kinds=(ValueError,)):
         attributes = dict(json.loads(metadata.get(b"PANDAS_ATTRS") or b"{}"))  # as pandas 2 has them
@@ -279,7 +279,7 @@ FIELD = 1000
 NULLS = ("", "null", "NULL", "--")
 
 
-def csv_blocks(
+def read_csv_blocks(
     opened: Callable[[], Any], layout: Any, types: Mapping[str, str], wanted: Sequence[str], rows: int
 ) -> Iterator[dict[str, Any]]:
     """Rows of a table of text in blocks, four times as fast as line by line: masked numbers, or text.
@@ -294,33 +294,33 @@ def csv_blocks(
         from pyarrow import csv
     except ImportError:
         raise NotPlain from None
-    text: set[str] = {name for name, datatype in types.items() if not datatype.startswith(("int", "uint", "float"))}
+    textual: set[str] = {name for name, datatype in types.items() if not datatype.startswith(("int", "uint", "float"))}
     numbers = {name: pa.float64() if datatype.startswith("float") else pa.int64() for name, datatype in types.items()}
     plain_types = (pa.int64(), pa.float64(), pa.string(), pa.null())
     try:
         with ExitStack() as files:
             while True:
                 file = files.enter_context(closing(_CheckedStream(opened(), layout.delimiter)))
-                convert = csv.ConvertOptions(
+                conversion = csv.ConvertOptions(
                     include_columns=list(wanted), null_values=list(NULLS), true_values=[], false_values=[],
-                    column_types=numbers | dict.fromkeys(text, pa.string()),
+                    column_types=numbers | dict.fromkeys(textual, pa.string()),
                 )  # fmt: skip
-                form = csv.ReadOptions(column_names=layout.names, skip_rows=layout.skip, block_size=_CSV_BLOCK)
+                reading = csv.ReadOptions(column_names=layout.names, skip_rows=layout.skip, block_size=_CSV_BLOCK)
                 reader = csv.open_csv(
-                    pa.PythonFile(file, "r"), form, csv.ParseOptions(delimiter=layout.delimiter), convert
+                    pa.PythonFile(file, "r"), reading, csv.ParseOptions(delimiter=layout.delimiter), conversion
                 )
                 if not (time_columns := {field.name for field in reader.schema if field.type not in plain_types}):
                     break
-                text |= time_columns  # times, which are text to us
-            waiting: list[Any] = []
+                textual |= time_columns  # times, which are text to us
+            batches: list[Any] = []
             for batch in reader:
-                waiting.append(batch)
-                while sum(map(len, waiting)) >= rows:
-                    table = pa.Table.from_batches(waiting)
-                    yield _as_arrays(table.slice(0, rows), pa)
-                    waiting = table.slice(rows).to_batches()
-            if any(map(len, waiting)):
-                yield _as_arrays(pa.Table.from_batches(waiting), pa)
+                batches.append(batch)
+                while sum(map(len, batches)) >= rows:
+                    table = pa.Table.from_batches(batches)
+                    yield _convert_to_arrays(table.slice(0, rows), pa)
+                    batches = table.slice(rows).to_batches()
+            if any(map(len, batches)):
+                yield _convert_to_arrays(pa.Table.from_batches(batches), pa)
     except (pa.ArrowException, UnicodeDecodeError, OSError, EOFError) as error:
         raise NotPlain from error
 
@@ -351,7 +351,7 @@ class _CheckedStream:
         self.file.close()
 
 
-def _as_arrays(table, pa):
+def _convert_to_arrays(table, pa):
     arrays = {}
     for name in table.column_names:
         column = table.column(name)

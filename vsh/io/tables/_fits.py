@@ -10,27 +10,27 @@ from typing import Any
 
 import numpy as np
 
-from vsh.io.tables._source import TableSource, as_table_error, number_twins, unpacked_file
+from vsh.io.tables._source import TableSource, as_table_error, number_twins, unpack_file
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.parallel import thread_count
 from vsh.tools.types import PathName
 
 _BLOCK, _CARD = 2880, 80
-_BYTES = {"L": 1, "B": 1, "I": 2, "J": 4, "K": 8, "A": 1, "E": 4, "D": 8, "C": 8, "M": 16, "P": 8, "Q": 16}
+_BYTES_BY_CODE = {"L": 1, "B": 1, "I": 2, "J": 4, "K": 8, "A": 1, "E": 4, "D": 8, "C": 8, "M": 16, "P": 8, "Q": 16}
 _CODE = re.compile(r"\s*(\d*)([LXBIJKAEDCMPQ])")
 
 
 def read_headers(path: PathName, label: str) -> Any:
     """Walk through the headers of a FITS file; a list of dicts of keywords, one a unit."""
-    tables = []
+    headers = []
     with open(path, "rb") as file:
         size = file.seek(0, 2)
         file.seek(0)
         while file.tell() < size:
-            header = _header(file, label, is_first=not tables)
+            header = _read_header(file, label, is_first=not headers)
             if header is None:  # blocks of nothing behind the last unit are allowed
                 break
-            tables.append(header)
+            headers.append(header)
             axes = header.get("NAXIS", 0)
             if not (isinstance(axes, int) and 0 <= axes <= 999):
                 raise TableError(f"{label} is damaged: NAXIS = {axes}")
@@ -48,19 +48,19 @@ def read_headers(path: PathName, label: str) -> Any:
                     "Fetch it again"
                 )
             if header.get("XTENSION") == "BINTABLE":
-                _check_row(header, lengths, label)
+                _check_row_width(header, lengths, label)
             padded_size = -(-data // _BLOCK) * _BLOCK
             file.seek(start + data)
             padding = file.read(min(padded_size - data, size - start - data))
             if padding.strip(b"\x00 "):
                 raise TableError(f"{label} is damaged: there are data behind the last of the declared rows")
             file.seek(start + padded_size)
-    if not tables:
+    if not headers:
         raise TableError(f"{label} is empty")
-    return tables
+    return headers
 
 
-def _header(file, label, is_first):
+def _read_header(file, label, is_first):
     header, cards = {}, 0
     start = file.tell()
     while True:
@@ -76,16 +76,16 @@ def _header(file, label, is_first):
             if key == "END" and not card[3:].strip():
                 return header
             if card[8:10] == b"= ":
-                header.setdefault(key, _value(card[10:].decode("latin-1")))
+                header.setdefault(key, _parse_value(card[10:].decode("latin-1")))
         if len(block) < _BLOCK or cards > 200_000:
             raise TableError(f"{label} is truncated or damaged: the header at byte {start} does not end")
 
 
-def _value(text):
+def _parse_value(text):
     text = text.strip()
     if text.startswith("'"):
-        end = re.match(r"'((?:[^']|'')*)'", text)
-        return end.group(1).replace("''", "'").rstrip() if end else text
+        quoted = re.match(r"'((?:[^']|'')*)'", text)
+        return quoted.group(1).replace("''", "'").rstrip() if quoted else text
     token = text.split("/")[0].strip()
     try:
         return int(token)
@@ -93,22 +93,22 @@ def _value(text):
         return token
 
 
-def _check_row(header, lengths, label):
-    """The columns of a binary table make up its rows."""
+def _check_row_width(header, lengths, label):
+    """Raise TableError unless the columns of a binary table make up its rows."""
     if header.get("BITPIX") != 8 or len(lengths) != 2:
         raise TableError(f"{label} is damaged: its table is not made of bytes in rows")
     width, fields = 0, header.get("TFIELDS", 0)
     for i in range(1, (fields if isinstance(fields, int) else 0) + 1):
-        form = _CODE.match(str(header.get(f"TFORM{i}", "")))
-        if form is None:
+        match = _CODE.match(str(header.get(f"TFORM{i}", "")))
+        if match is None:
             raise TableError(f"{label} is damaged: column {i} has the format {header.get(f'TFORM{i}')!r}")
-        repeat = int(form.group(1) or 1)
-        width += -(-repeat // 8) if form.group(2) == "X" else repeat * _BYTES[form.group(2)]
+        repeat = int(match.group(1) or 1)
+        width += -(-repeat // 8) if match.group(2) == "X" else repeat * _BYTES_BY_CODE[match.group(2)]
     if width != lengths[0]:
         raise TableError(f"{label} is damaged: its columns take {width} bytes, its rows {lengths[0]}")
 
 
-def fits_rows(path: PathName, label: str) -> int:
+def count_fits_rows(path: PathName, label: str) -> int:
     """Count the rows of the first table of a FITS file, once the file is known to be complete."""
     for header in read_headers(path, label):
         if header.get("XTENSION") in ("BINTABLE", "TABLE"):
@@ -122,23 +122,23 @@ _DAMAGE = re.compile(r"truncat|checksum|datasum|corrupt|invalid|illegal|extra by
 
 def open_fits(path: PathName, label: str, table: str | None = None) -> TableSource:
     """A table of a FITS file, packed with gzip or not: the first, or that of a number from 1 or of a name (EXTNAME)."""
-    plain = unpacked_file(path, label)
-    units = read_headers(plain.name, label)
-    tables = [number for number, header in enumerate(units) if header.get("XTENSION") in ("BINTABLE", "TABLE")]
-    if not tables:
+    plain = unpack_file(path, label)
+    headers = read_headers(plain.name, label)
+    numbers = [number for number, header in enumerate(headers) if header.get("XTENSION") in ("BINTABLE", "TABLE")]
+    if not numbers:
         raise TableError(f"{label} holds no table")
-    table_names = [str(units[number].get("EXTNAME", "")).strip() for number in tables]
-    words = [[str(k), name.lower()] for k, name in enumerate(table_names, 1)]
-    wanted = [k for k, each in enumerate(words) if table is None or table.lower() in each]
+    table_names = [str(headers[number].get("EXTNAME", "")).strip() for number in numbers]
+    identifiers = [[str(k), name.lower()] for k, name in enumerate(table_names, 1)]
+    matching = [k for k, table_words in enumerate(identifiers) if table is None or table.lower() in table_words]
     listing = ", ".join(f"#{k}" + f" ({name})" * bool(name) for k, name in enumerate(table_names, 1))
-    if not wanted:
+    if not matching:
         raise TableError(f"{label}: there is no such table; the file holds {listing}")
-    extension = tables[wanted[0]]
-    header = units[extension]
+    extension = numbers[matching[0]]
+    header = headers[extension]
     names, twins = number_twins([str(header.get(f"TTYPE{i}", "")) for i in range(1, int(header.get("TFIELDS", 0)) + 1)])
-    with _wrap_read_errors(label), _open(plain.name, extension, names if twins else ()) as hdus:
+    with _wrap_read_errors(label), _open_hdus(plain.name, extension, names if twins else ()) as hdus:
         columns, cards = list(hdus[extension].columns), hdus[extension].header
-        meta = _meta(cards)
+        meta = _select_metadata(cards)
         descriptions = {c.name: str(cards[f"TCOMM{i}"]) for i, c in enumerate(columns, 1) if f"TCOMM{i}" in cards}
     definitions = {column.name: column for column in columns}
     names = [column.name for column in columns]
@@ -148,9 +148,9 @@ def open_fits(path: PathName, label: str, table: str | None = None) -> TableSour
     def read(request, rows):
         # `plain` is kept by this function: the unpacked copy goes when nobody reads it any more.
         with _wrap_read_errors(label):
-            hdus = _open(plain.name, extension, names if twins else ())
+            hdus = _open_hdus(plain.name, extension, names if twins else ())
         with hdus:
-            for start in range(0, max(1, units[extension]["NAXIS2"]), rows):
+            for start in range(0, max(1, headers[extension]["NAXIS2"]), rows):
                 with _wrap_read_errors(label):
                     if hdus[extension].data is None:
                         raise TableError(f"{label} is damaged: its table holds no data")
@@ -159,33 +159,33 @@ def open_fits(path: PathName, label: str, table: str | None = None) -> TableSour
                     views = [np.asarray(chunk[name]) for name in request]
                     selection = [definitions[name] for name in request]
                     with ThreadPoolExecutor(thread_count()) as pool:
-                        block = dict(zip(request, pool.map(partial(_column, chunk), views, selection), strict=True))
+                        block = dict(zip(request, pool.map(partial(_convert, chunk), views, selection), strict=True))
                     del chunk, views
                     for column in hdus[extension].columns:  # or astropy copies them all when the file is closed
                         column.array = None
                 yield block
 
     notes: tuple[str, ...] = ()
-    alike = sum(
-        [units[number].get(f"TTYPE{i}") for i in range(1, units[number].get("TFIELDS", 0) + 1)] == names
-        for number in tables
+    n_alike = sum(
+        [headers[number].get(f"TTYPE{i}") for i in range(1, headers[number].get("TFIELDS", 0) + 1)] == names
+        for number in numbers
     )
-    if alike > 1 and table is None:
+    if n_alike > 1 and table is None:
         raise TableError(
-            f"{label} holds {alike} tables with the same columns, of one source each perhaps: join them "
+            f"{label} holds {n_alike} tables with the same columns, of one source each perhaps: join them "
             "(astropy.table.vstack), or write a file for each into a folder"
         )
-    others = f"; the file holds {len(tables)} tables, {listing}: {label}#2 is the second" if len(tables) > 1 else ""
+    others = f"; the file holds {len(numbers)} tables, {listing}: {label}#2 is the second" if len(numbers) > 1 else ""
     if others and table is None:
-        notes = (f"{label} holds {len(tables)} tables; the first was read (extension {extension})",)
+        notes = (f"{label} holds {len(numbers)} tables; the first was read (extension {extension})",)
     # Rows in one block are at most as many as the file holds, whose size has been looked at.
-    units_of = {c.name: c.unit for c in columns if c.unit and c.unit.strip()}
-    rows = max(1, units[extension]["NAXIS2"])  # the file holds as many: `read_headers` has looked
+    units = {c.name: c.unit for c in columns if c.unit and c.unit.strip()}
+    rows = max(1, headers[extension]["NAXIS2"])  # the file holds as many: `read_headers` has looked
     return TableSource(
         label,
         tuple(names),
         read,
-        units_of,
+        units,
         meta,
         notes,
         whole=rows,
@@ -206,8 +206,8 @@ def _wrap_read_errors(label):
             raise TableError(f"{label} is damaged: {first_line(warning.message)}. Fetch it again")
 
 
-def _open(path, extension, names):
-    """The units of a file; where astropy could not tell its columns apart, they have other names."""
+def _open_hdus(path, extension, names):
+    """Open the units of a file; where astropy could not tell its columns apart, they have other names."""
     from astropy.io import fits
 
     hdus = fits.open(path, memmap=True, checksum=True)
@@ -216,8 +216,8 @@ def _open(path, extension, names):
     return hdus
 
 
-def _column(chunk, values, column):
-    """Values in native byte order, and the mask of what is null."""
+def _convert(chunk, values, column):
+    """Convert values to native byte order, and find the mask of what is null."""
     values = np.array(values, dtype=values.dtype.newbyteorder("=") if values.dtype.kind in "iufc" else None)
     if values.dtype.kind in "SU":
         values = np.char.rstrip(values)
@@ -226,30 +226,30 @@ def _column(chunk, values, column):
     if column.null not in (None, "") and values.ndim == 1:
         # The null is what the file holds, before scale and zero point.
         raw = chunk.view(np.ndarray)[column.name]
-        mask = raw == column.null if raw.dtype.kind in "iu" else _text_null(raw, column.null)
+        mask = raw == column.null if raw.dtype.kind in "iu" else _find_text_nulls(raw, column.null)
     return values, mask
 
 
-def _text_null(raw, null):
-    """Null values of text columns: words or blanks."""
+def _find_text_nulls(raw, null):
+    """Find the null values of text columns: a word or blanks."""
     if raw.dtype.kind != "S":
         return np.zeros(len(raw), bool)
-    text = np.char.strip(raw)
-    return (text == str(null).strip().encode()) | (text == b"")
+    stripped = np.char.strip(raw)
+    return (stripped == str(null).strip().encode()) | (stripped == b"")
 
 
-def _meta(header):
-    structure = re.compile(
+def _select_metadata(header):
+    structural_key = re.compile(
         r"(XTENSION|BITPIX|NAXIS\d*|PCOUNT|GCOUNT|TFIELDS|EXTNAME|CHECKSUM|DATASUM|T(TYPE|FORM|UNIT|NULL|SCAL|ZERO|DISP|DIM|BCOL)\d+)$"
     )
-    return {key: value for key, value in header.items() if key and not structure.match(key)}
+    return {key: value for key, value in header.items() if key and not structural_key.match(key)}
 
 
 @contextmanager
 def open_checked_fits(path: PathName, label: str) -> Iterator[str]:
     """The name of a FITS file, unpacked where it was packed, whose layout has been checked."""
     try:
-        plain = unpacked_file(path, label)
+        plain = unpack_file(path, label)
         read_headers(plain.name, label)
     except OSError as error:
         raise TableError(f"{label} cannot be read: {error.strerror or error}") from error

@@ -24,13 +24,13 @@ from vsh.io.tables._source import (
     TemporaryPath,
     as_table_error,
     concatenate_sources,
-    first_bytes,
     is_dataframe,
     open_astropy,
     open_dataframe,
     open_dict_or_array,
     open_skycoord,
     open_xarray,
+    read_first_bytes,
     unpacking,
 )
 from vsh.io.tables._text import open_numbered_table
@@ -61,13 +61,13 @@ class RemotePath(NamedTuple):
     label: str
     address: Any
 
-    def inside(self, path: str) -> "RemotePath":
-        """A file within this folder."""
+    def make_child(self, path: str) -> "RemotePath":
+        """Make the path of a file within this folder."""
         return RemotePath(self.filesystem, path, f"{self.label.rstrip('/')}/{PurePosixPath(path).name}", None)
 
 
 def fingerprint_of(place: RemotePath) -> tuple[Any, ...]:
-    """Size, time of change and mark (ETag) of a file at an address, by which it is known again."""
+    """Read size, time of change and mark (ETag) of a file at an address, by which it is known again."""
     try:
         if hasattr(place.filesystem, "handler"):  # of fsspec, whose libraries have names of their own for these
             facts = place.filesystem.handler.fs.info(place.path)
@@ -75,13 +75,13 @@ def fingerprint_of(place: RemotePath) -> tuple[Any, ...]:
         facts = place.filesystem.get_file_info(place.path)
         return facts.size, facts.mtime_ns
     except Exception as error:  # whatever a server that dies makes of its library
-        raise (_refusal_error(place) or _unreachable_error(place.label, error)) from error
+        raise (_find_refusal(place) or _make_unreachable_error(place.label, error)) from error
 
 
-def remote_path_of(source: Any) -> RemotePath:
-    """File system and path of an address."""
-    text = source if isinstance(source, str) else f"{source.protocol}://{source.path.lstrip('/')}"
-    label = printable(formats.hide_address_secrets(text))
+def find_remote_path(source: Any) -> RemotePath:
+    """Find the file system and the path of an address."""
+    address = source if isinstance(source, str) else f"{source.protocol}://{source.path.lstrip('/')}"
+    label = printable(formats.hide_address_secrets(address))
     try:
         import pyarrow.fs
     except ImportError as error:
@@ -92,18 +92,18 @@ def remote_path_of(source: Any) -> RemotePath:
     try:
         if not isinstance(source, str):
             return RemotePath(pyarrow.fs.PyFileSystem(pyarrow.fs.FSSpecHandler(source.fs)), source.path, label, source)
-        scheme = urlsplit(text).scheme
+        scheme = urlsplit(address).scheme
         if scheme in ("s3", "s3a"):
-            return RemotePath(_s3_filesystem(text, pyarrow.fs), _bucket_path(text), label, source)
+            return RemotePath(_open_s3_filesystem(address, pyarrow.fs), _find_bucket_path(address), label, source)
         if scheme in ("gs", "gcs"):
-            anonymous = _is_anonymous(text, os.environ.get("GOOGLE_APPLICATION_CREDENTIALS"))
-            return RemotePath(pyarrow.fs.GcsFileSystem(anonymous=anonymous), _bucket_path(text), label, source)
+            anonymous = _is_anonymous(address, os.environ.get("GOOGLE_APPLICATION_CREDENTIALS"))
+            return RemotePath(pyarrow.fs.GcsFileSystem(anonymous=anonymous), _find_bucket_path(address), label, source)
         import fsspec
 
         # Arrow asks for the ranges that it needs, and joins near ones: reading ahead would fetch the rest as well.
-        http = {"cache_type": "none", "client_kwargs": {"timeout": _http_timeout()}}
+        http = {"cache_type": "none", "client_kwargs": {"timeout": _make_http_timeout()}}
         options = http if scheme in ("http", "https") else {}
-        filesystem, path = fsspec.core.url_to_fs(text, **options)
+        filesystem, path = fsspec.core.url_to_fs(address, **options)
         return RemotePath(pyarrow.fs.PyFileSystem(pyarrow.fs.FSSpecHandler(filesystem)), path, label, source)
     except ImportError as error:
         raise TableError(
@@ -111,29 +111,29 @@ def remote_path_of(source: Any) -> RemotePath:
             "'vsh-astrometry[remote]'"
         ) from error
     except (OSError, ValueError, TypeError) as error:
-        raise _unreachable_error(label, error) from error
+        raise _make_unreachable_error(label, error) from error
 
 
-def _http_timeout():
+def _make_http_timeout():
     import aiohttp
 
     return aiohttp.ClientTimeout(total=None, connect=CONNECT, sock_read=ANSWER)
 
 
-def _bucket_path(text):
-    address = urlsplit(text)
-    return f"{address.netloc.rpartition('@')[2]}{address.path}".rstrip("/")
+def _find_bucket_path(address):
+    url = urlsplit(address)
+    return f"{url.netloc.rpartition('@')[2]}{url.path}".rstrip("/")
 
 
-def _is_anonymous(text, credentials):
+def _is_anonymous(address, has_credentials):
     """Return whether no credentials are used: asked for, or none are set up."""
-    return urlsplit(text).netloc.rpartition("@")[0] == "anonymous" or not credentials
+    return urlsplit(address).netloc.rpartition("@")[0] == "anonymous" or not has_credentials
 
 
-def _s3_filesystem(text, fs):
+def _open_s3_filesystem(address, fs):
     names = ("AWS_ACCESS_KEY_ID", "AWS_PROFILE", "AWS_WEB_IDENTITY_TOKEN_FILE", "AWS_CONTAINER_CREDENTIALS_FULL_URI")
-    set_up = any(map(os.environ.get, names)) or os.path.exists(os.path.expanduser("~/.aws/credentials"))
-    anonymous = _is_anonymous(text, set_up)
+    has_credentials = any(map(os.environ.get, names)) or os.path.exists(os.path.expanduser("~/.aws/credentials"))
+    anonymous = _is_anonymous(address, has_credentials)
     endpoint = os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL") or ""
     scheme, _, host = endpoint.rpartition("://")
     options = {"endpoint_override": host, "scheme": scheme or "https"} if host else {}
@@ -142,17 +142,17 @@ def _s3_filesystem(text, fs):
     return fs.S3FileSystem(anonymous=anonymous, connect_timeout=CONNECT, request_timeout=ANSWER, **options)
 
 
-def _unreachable_error(label, error):
-    missing = isinstance(error, FileNotFoundError)
-    reason = "no such file, or no server answers" if missing else formats.hide_secrets(first_line(error))
+def _make_unreachable_error(label, error):
+    is_missing = isinstance(error, FileNotFoundError)
+    reason = "no such file, or no server answers" if is_missing else formats.hide_secrets(first_line(error))
     return TableError(
         f"{label} cannot be read: {reason}. Is there a network, and the address right? Started again, it is "
         "fetched again"
     )
 
 
-def _refusal_error(place):
-    """The error of a web server that answers that it does not give a file; None where it gives it."""
+def _find_refusal(place):
+    """Find the error of a web server that answers that it does not give a file; None where it gives it."""
     if not str(place.address).startswith(("http://", "https://")):
         return None
     try:
@@ -168,24 +168,24 @@ def _refusal_error(place):
 
 def open_at(source: Any, file_format: str | None) -> TableSource:
     """A table at an address."""
-    location = source if isinstance(source, RemotePath) else remote_path_of(source)
+    location = source if isinstance(source, RemotePath) else find_remote_path(source)
     label = location.label
     files = files_at(location)
     if len(files) > 1:
         raise TableError(f"{label} holds {len(files)} files: go through them with vsh.io.catalogue.parts, or --workers")
     (file,) = files
-    file_format = file_format or _format_by_ending(file.path)
+    file_format = file_format or _find_format_by_ending(file.path)
     if file_format == "parquet":
         try:
             return open_parquet_at(file.filesystem, file.path, label)
         except TableError as error:
-            raise (_refusal_error(file) or error) from error
+            raise (_find_refusal(file) or error) from error
     copy = TemporaryPath(PurePosixPath(file.path).name)
     try:
         with file.filesystem.open_input_stream(file.path, compression=None) as stream, open(copy.name, "wb") as output:
             shutil.copyfileobj(stream, output, 2**20)
     except Exception as error:  # whatever a server that dies makes of its library
-        raise (_refusal_error(file) or _unreachable_error(label, error)) from error
+        raise (_find_refusal(file) or _make_unreachable_error(label, error)) from error
     file_format = file_format or _find_format(Path(copy.name), label)
     return _keep_copy(_open_file(Path(copy.name), label, file_format), copy)
 
@@ -195,19 +195,19 @@ def _keep_copy(table, copy):
     return replace(table, read=lambda names, rows, _held=copy: table.read(names, rows))
 
 
-def _format_by_ending(path):
-    """The format that an ending says, or None."""
+def _find_format_by_ending(path):
+    """Find the format that an ending says, or None."""
     try:
         return format_of(path, formats.READ)
     except TableError:
         return None
 
 
-_COLLECTION = "is a HATS collection, whose margin cache repeats sources: name the folder of its main catalogue"
+_COLLECTION_REFUSED = "is a HATS collection, whose margin cache repeats sources: name the folder of its main catalogue"
 
 
 def files_at(place: RemotePath) -> list[RemotePath]:
-    """The tables of a folder at an address by name, or the file."""
+    """List the tables of a folder at an address by name, or the file."""
     import pyarrow.fs as fs
 
     if isinstance(place.address, str) and place.address.startswith(("http://", "https://")):
@@ -222,25 +222,25 @@ def files_at(place: RemotePath) -> list[RemotePath]:
     except Exception as error:  # whatever a server that dies makes of its library
         if isinstance(error, TableError):
             raise
-        raise _unreachable_error(place.label, error) from error
+        raise _make_unreachable_error(place.label, error) from error
     inside = {entry.path[len(place.path) :].lstrip("/"): entry.path for entry in entries if entry.is_file}
     if "collection.properties" in inside:
-        raise TableError(f"{place.label} {_COLLECTION}")
+        raise TableError(f"{place.label} {_COLLECTION_REFUSED}")
     if "hats.properties" in inside or ("properties" in inside and any(p.startswith("dataset/") for p in inside)):
         paths = {p: full for p, full in inside.items() if p.startswith("dataset/Norder=") and p.endswith(".parquet")}
     else:
         hidden_paths = {
             p for p in inside if any(component.startswith((".", "_")) for component in PurePosixPath(p).parts)
         }
-        paths = {p: full for p, full in inside.items() if p not in hidden_paths and _format_by_ending(p)}
+        paths = {p: full for p, full in inside.items() if p not in hidden_paths and _find_format_by_ending(p)}
     if not paths:
         raise TableError(f"{place.label} is a folder without tables: known endings are {', '.join(formats.READ)}")
-    file_formats = {_format_by_ending(p) for p in paths}
+    file_formats = {_find_format_by_ending(p) for p in paths}
     if len(file_formats) > 1:
         raise TableError(
             f"{place.label} holds tables of several formats ({', '.join(sorted(file_formats))}): name those of one"
         )
-    return [place.inside(paths[p]) for p in sorted(paths)]
+    return [place.make_child(paths[p]) for p in sorted(paths)]
 
 
 #: The name of the file in which a command keeps what came in on standard input; where it lies is nobody's business.
@@ -254,7 +254,7 @@ def _open_file(path, label, file_format):
 
 
 #: Text packs to a hundredth; what unpacks to more was made to fill a disk.
-_EXPANSION = 200
+_MOST_EXPANSION = 200
 
 #: Order and pixel of a partition of a HATS catalogue, by its path.
 _PARTITION = re.compile(r"Norder=(\d+)/(?:.*/)?Npix=(\d+)(?:\.parquet$|/)")
@@ -281,7 +281,7 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
     if isinstance(source, TableSource):
         return source
     if is_address(source) or isinstance(source, RemotePath):
-        return open_at(source, _kind_of(format))
+        return open_at(source, _find_kind(format))
     if isinstance(source, (str, os.PathLike)):
         return _open_path(source, format)
     if is_dataframe(source):
@@ -305,28 +305,28 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
 
 
 #: How the words begin that Git LFS puts in place of a file.
-_POINTER = b"version https://git-lfs"
+_LFS_POINTER = b"version https://git-lfs"
 #: A file with several tables, and the number or the name of one: tables.tsv#2.
-_NUMBERED = re.compile(r"(.+)#([^#]+)")
+_NUMBERED_TABLE = re.compile(r"(.+)#([^#]+)")
 
 
-def _kind_of(format):
-    """The kind of a format by its name; None where it is not said."""
+def _find_kind(format):
+    """Find the kind of a format by its name; None where it is not said."""
     if format is not None and format not in BY_NAME:
         raise TableError(f"no format is called {format!r}: {', '.join(BY_NAME)} are")
     return format and BY_NAME[format].kind
 
 
 def _open_path(path, format):
-    kind = _kind_of(format)
-    text = os.fspath(path)
-    text = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
-    label = STANDARD_INPUT if os.path.basename(text) == STANDARD_INPUT else printable(text)
+    kind = _find_kind(format)
+    path_text = os.fspath(path)
+    path_text = path_text.decode("utf-8", "replace") if isinstance(path_text, bytes) else path_text
+    label = STANDARD_INPUT if os.path.basename(path_text) == STANDARD_INPUT else printable(path_text)
     path = Path(path if not isinstance(path, bytes) else os.fsdecode(path))
     try:
         if path.is_dir():
             return _open_folder(path, label, format)
-        if (match := _NUMBERED.fullmatch(text)) and not path.exists() and Path(match[1]).is_file():
+        if (match := _NUMBERED_TABLE.fullmatch(path_text)) and not path.exists() and Path(match[1]).is_file():
             path, table = Path(match[1]), match[2]
             if (kind or _find_format(path, label)) == "fits":
                 return open_fits(path, label, table)
@@ -336,7 +336,7 @@ def _open_path(path, format):
         if not path.is_file():
             raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
         with path.open("rb") as file:
-            if file.read(len(_POINTER)) == _POINTER:
+            if file.read(len(_LFS_POINTER)) == _LFS_POINTER:
                 raise TableError(f"{label} is a pointer of Git LFS in place of the file: fetch that (git lfs pull)")
         if path.suffix.lower() in ("", ".zip") and zipfile.is_zipfile(path):
             return _open_zip(path, label, format)
@@ -348,15 +348,15 @@ def _open_path(path, format):
 
 
 def _find_format(path, label):
-    """The format of a file by its ending, or by its first bytes."""
-    if kind := _format_by_ending(path):
+    """Find the format of a file by its ending, or by its first bytes."""
+    if kind := _find_format_by_ending(path):
         return kind
     if _has_cds_readme(path):
         return "ascii.cds"
-    begin = first_bytes(path, label)
-    for row in FORMATS:
-        if row.begins is not None and row.begins.match(begin):
-            return row.kind
+    beginning = read_first_bytes(path, label)
+    for table_format in FORMATS:
+        if table_format.begins is not None and table_format.begins.match(beginning):
+            return table_format.kind
     hint = f" Known endings: {', '.join(READ)}, each also with .gz, or several in a .zip." * (label != STANDARD_INPUT)
     raise TableError(
         f"{label}: unrecognised format.{hint} Name it: --columns format=NAME, of {'|'.join(BY_NAME)}, where ascii "
@@ -375,7 +375,7 @@ def _has_cds_readme(path):
 
 
 def _open_folder(path, label, format):
-    file_format, files = _format_and_files(path, label, format)
+    file_format, files = _find_format_and_files(path, label, format)
     if file_format == "parquet":
         return open_parquet(files, label)  # one dataset
     return concatenate_sources(label, [_open_file(file, printable(file), file_format) for file in files])
@@ -383,54 +383,54 @@ def _open_folder(path, label, format):
 
 def _open_zip(path, label, format):
     """The tables of a zip archive, as those of a folder."""
-    holder = TemporaryPath("tables")
-    folder = Path(holder.name)
+    copy = TemporaryPath("tables")
+    folder = Path(copy.name)
     folder.mkdir()
     damage = unpacking(label, zipfile.BadZipFile, NotImplementedError, RuntimeError)
     with damage, zipfile.ZipFile(path) as archive:
         members = [member for member in archive.infolist() if not member.is_dir()]
-        size, most = sum(member.file_size for member in members), _EXPANSION * path.stat().st_size
-        if size > most:
-            raise TableError(f"{label} would unpack to {size} bytes, more than {most}: unpack it yourself")
+        size, largest_size = sum(member.file_size for member in members), _MOST_EXPANSION * path.stat().st_size
+        if size > largest_size:
+            raise TableError(f"{label} would unpack to {size} bytes, more than {largest_size}: unpack it yourself")
         for number, member in enumerate(members):
-            inside = PurePosixPath(member.filename)
-            if any(component.startswith((".", "_")) for component in inside.parts):
+            member_path = PurePosixPath(member.filename)
+            if any(component.startswith((".", "_")) for component in member_path.parts):
                 continue
-            with archive.open(member) as stream, open(folder / f"{number:06d}-{inside.name}", "wb") as output:
+            with archive.open(member) as stream, open(folder / f"{number:06d}-{member_path.name}", "wb") as output:
                 shutil.copyfileobj(stream, output, 2**20)
-    return _keep_copy(_open_folder(folder, label, format), holder)
+    return _keep_copy(_open_folder(folder, label, format), copy)
 
 
 def files_of(path: PathName, format: str | None = None) -> list[Any]:
-    """The files that `open_table` would read from a path or an address: those of a folder by name, or the file."""
+    """List the files that `open_table` would read from a path or an address: those of a folder by name, or the file."""
     if is_address(path):
-        return files_at(remote_path_of(path))
+        return files_at(find_remote_path(path))
     path, label = Path(path), printable(path)
     if path.is_dir():
-        return _format_and_files(path, label, format)[1]
+        return _find_format_and_files(path, label, format)[1]
     if not path.is_file():
         raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
     return [path]
 
 
-def _format_and_files(path, label, format=None):
-    """The format and the files of a folder."""
-    path = _main_folder(path, label)
+def _find_format_and_files(path, label, format=None):
+    """Find the format and the files of a folder."""
+    path = _find_main_folder(path, label)
     if _is_hats(path):  # beside its partitions lie a thumbnail of them, and maps of the sky
         files = [
             partition for partition in sorted((path / "dataset").glob("Norder=*/**/*.parquet")) if partition.is_file()
         ]
         if not files:
             raise TableError(f"{label} is a catalogue in HATS format without partitions")
-        return "parquet", _listed_partitions(path, files, label)
+        return "parquet", _check_listed_partitions(path, files, label)
     groups = {}
     for file in sorted(path.rglob("*")):
-        inside = file.relative_to(path).parts
-        if any(component.startswith((".", "_")) for component in inside) or not file.is_file():
+        components = file.relative_to(path).parts
+        if any(component.startswith((".", "_")) for component in components) or not file.is_file():
             continue
-        if kind := _kind_of(format) or _format_by_ending(file):
+        if kind := _find_kind(format) or _find_format_by_ending(file):
             groups.setdefault(kind, []).append(file)
-    folders = {part for files in groups.values() for file in files for part in file.relative_to(path).parts[:-1]}
+    folders = {folder for files in groups.values() for file in files for folder in file.relative_to(path).parts[:-1]}
     keys = {name.partition("=")[0] for name in folders if "=" in name} - {"Norder", "Dir", "Npix"}
     if keys:
         raise TableError(
@@ -451,8 +451,8 @@ def _is_hats(path):
     return (path / "hats.properties").is_file() or ((path / "properties").is_file() and (path / "dataset").is_dir())
 
 
-def _listed_partitions(path, files, label):
-    """The partitions that a HATS catalogue lists, all of which are there, with as many rows as it says."""
+def _check_listed_partitions(path, files, label):
+    """Return the partitions that a HATS catalogue lists; raise TableError unless all are there with all their rows."""
     info_path = path / "partition_info.csv"
     if not info_path.is_file():
         return files
@@ -461,42 +461,42 @@ def _listed_partitions(path, files, label):
             partitions = {(row.get("Norder"), row.get("Npix")) for row in csv.DictReader(file)}
     except csv.Error as error:
         raise TableError(f"{label}: its partition_info.csv is damaged ({error}): fetch it again") from None
-    found = [(match.groups(), file) for file in files if (match := _PARTITION.search(file.as_posix()))]
-    file_partitions = {partition for partition, _ in found}
-    lost = sorted(f"Norder={order}, Npix={pixel}" for order, pixel in partitions - file_partitions if order and pixel)
-    if lost:
+    numbered_files = [(match.groups(), file) for file in files if (match := _PARTITION.search(file.as_posix()))]
+    file_partitions = {partition for partition, _ in numbered_files}
+    absent = sorted(f"Norder={order}, Npix={pixel}" for order, pixel in partitions - file_partitions if order and pixel)
+    if absent:
         raise TableError(
-            f"{label} lacks {len(lost)} of {len(partitions)} partitions that its partition_info.csv lists (first: "
-            f"{printable(lost[0])}): fetch them again, or name the folder dataset to read what is there"
+            f"{label} lacks {len(absent)} of {len(partitions)} partitions that its partition_info.csv lists (first: "
+            f"{printable(absent[0])}): fetch them again, or name the folder dataset to read what is there"
         )
-    listed = [file for partition, file in found if partition in partitions]
-    stated = _property(path / "hats.properties", "hats_nrows")
-    if stated.isdecimal():
+    listed = [file for partition, file in numbered_files if partition in partitions]
+    stated_rows = _read_property(path / "hats.properties", "hats_nrows")
+    if stated_rows.isdecimal():
         from pyarrow.parquet import read_metadata
 
         with as_table_error(f"{label} cannot be read as Parquet"):
             rows = sum(read_metadata(file).num_rows for file in listed)
-        if rows != int(stated):
-            raise TableError(f"{label} has {rows} rows, and its hats.properties says {stated}: fetch it again")
+        if rows != int(stated_rows):
+            raise TableError(f"{label} has {rows} rows, and its hats.properties says {stated_rows}: fetch it again")
     return listed
 
 
-def _property(path, key):
-    """A value of a file of properties, empty where there is none."""
+def _read_property(path, key):
+    """Read a value of a file of properties, empty where there is none."""
     if not path.is_file():
         return ""
     pairs = (line.partition("=") for line in path.read_text(encoding="utf-8", errors="replace").splitlines())
     return {name.strip(): value.strip() for name, _, value in pairs}.get(key, "")
 
 
-def _main_folder(path, label):
-    """The main catalogue of a HATS collection, whose margin cache repeats sources; else the folder itself."""
+def _find_main_folder(path, label):
+    """Find the main catalogue of a HATS collection, whose margin cache repeats sources; else the folder itself."""
     properties = path / "collection.properties"
     if not properties.is_file():
         return path
-    name = _property(properties, "hats_primary_table_url")
+    name = _read_property(properties, "hats_primary_table_url")
     if not name or not _is_hats(path / name):
-        raise TableError(f"{label} {_COLLECTION}")
+        raise TableError(f"{label} {_COLLECTION_REFUSED}")
     return path / name
 
 
@@ -531,17 +531,17 @@ def as_table(source: Any) -> Table:
 def _read_ecsv(path, label):
     from astropy.table import Table
 
-    _check_memory(path, label)
+    _check_longest_line(path, label)
     with as_table_error(f"{label} cannot be read as ECSV"):
         return Table.read(path, format="ascii.ecsv")
 
 
-def _check_memory(path, label, limit=2**28):
-    """NumPy gives every row of a column of text the room of the longest."""
-    longest = count = 0
+def _check_longest_line(path, label, limit=2**28):
+    """Raise TableError where a line is so long that NumPy, which gives every row its room, would fill the memory."""
+    longest = n_lines = 0
     with open(path, "rb") as file:
         for line in file:
             if not line.startswith(b"#"):
-                longest, count = max(longest, len(line)), count + 1
-    if 4 * longest * count > max(limit, 16 * Path(path).stat().st_size):
-        raise TableError(f"{label} is damaged, or no result: a line of {longest} characters among {count}")
+                longest, n_lines = max(longest, len(line)), n_lines + 1
+    if 4 * longest * n_lines > max(limit, 16 * Path(path).stat().st_size):
+        raise TableError(f"{label} is damaged, or no result: a line of {longest} characters among {n_lines}")

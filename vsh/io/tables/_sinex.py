@@ -13,7 +13,7 @@ from vsh.io.tables._text import open_lines
 from vsh.tools.errors import TableError
 from vsh.tools.types import FloatArray, PathName
 
-_KINDS = ("RS_RA", "RS_DE")
+_PARAMETERS = ("RS_RA", "RS_DE")
 #: From radians. [mas]
 _MAS = np.degrees(3.6e6)
 #: The covariance of twice as many estimates is not read: 10⁸ numbers.
@@ -23,24 +23,24 @@ _MOST = 5000
 def open_sinex(path: PathName, label: str) -> TableSource:
     """A solution of positions as a table: names, degrees, and errors in mas, of right ascension times cos δ."""
     with open_lines(path, label) as lines:
-        blocks = _blocks_of(lines)
+        blocks = _split_into_blocks(lines)
     try:
         names = {line[1:5].strip(): (line[6:14].strip(), line[15:31].strip()) for line in blocks["SOURCE/ID"]}
         estimates = [line.split() for line in blocks["SOLUTION/ESTIMATE"]]
-        values = {(row[2], row[1]): tuple(map(_number, row[-2:])) for row in estimates if row[1] in _KINDS}
-        codes = [code for code in names if all((code, kind) in values for kind in _KINDS)]
+        values = {(row[2], row[1]): tuple(map(_parse_number, row[-2:])) for row in estimates if row[1] in _PARAMETERS}
+        codes = [code for code in names if all((code, parameter) in values for parameter in _PARAMETERS)]
         lon, east, lat, north = np.array([values[code, "RS_RA"] + values[code, "RS_DE"] for code in codes]).T
-        number = {(row[2], row[1]): k for k, row in enumerate(estimates) if row[1] in _KINDS}
-        errors = np.array([_number(row[-1]) for row in estimates])
-        places = [number[code, kind] for kind in _KINDS for code in codes]
-        matrix = _matrix_of(label, blocks, [int(row[0]) for row in estimates], places, errors)
+        estimate_rows = {(row[2], row[1]): k for k, row in enumerate(estimates) if row[1] in _PARAMETERS}
+        errors = np.array([_parse_number(row[-1]) for row in estimates])
+        rows = [estimate_rows[code, parameter] for parameter in _PARAMETERS for code in codes]
+        covariance = _read_covariance(label, blocks, [int(row[0]) for row in estimates], rows, errors)
     except (KeyError, IndexError, ValueError, np.linalg.LinAlgError) as error:
         reason = f"it has no block {error}" if isinstance(error, KeyError) else f"none, or a damaged one ({error})"
         raise TableError(f"{label} is no solution of positions (RS_RA, RS_DE) in SINEX: {reason}") from None
-    n = len(codes)
-    if matrix is not None:
-        east, north = np.sqrt(matrix.diagonal()).reshape(2, n)
-    rho = np.zeros(n) if matrix is None else np.diagonal(matrix, n) / (east * north)
+    n_sources = len(codes)
+    if covariance is not None:
+        east, north = np.sqrt(covariance.diagonal()).reshape(2, n_sources)
+    rho = np.zeros(n_sources) if covariance is None else np.diagonal(covariance, n_sources) / (east * north)
     columns = {
         "icrf": np.array([names[code][1].removeprefix("ICRF ") for code in codes]),
         "iers": np.array([names[code][0] for code in codes]),
@@ -51,56 +51,56 @@ def open_sinex(path: PathName, label: str) -> TableSource:
     units = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
     source = open_dict_or_array(columns)
     notes: tuple[str, ...] = ()
-    if matrix is None:
+    if covariance is None:
         reason = (
             f"that of more than {2 * _MOST} estimates is not read" if len(estimates) > 2 * _MOST else "it has no matrix"
         )
         notes = (f"{Path(path).name}: no covariance between sources ({reason}): their errors are taken as independent",)
     else:
-        scale = _MAS * 1e3 * np.r_[np.cos(lat), np.ones(n)]
-        matrix *= scale * scale[:, None]
-    return TableSource(label, source.names, source.read, units, notes=notes, covariance=matrix)
+        scale = _MAS * 1e3 * np.r_[np.cos(lat), np.ones(n_sources)]
+        covariance *= scale * scale[:, None]
+    return TableSource(label, source.names, source.read, units, notes=notes, covariance=covariance)
 
 
-def _blocks_of(lines):
-    """The lines of each block, without comments; that of a matrix with its triangle and kind in the title."""
-    blocks, block = {}, []
+def _split_into_blocks(lines):
+    """Split lines into blocks by title, without comments; that of a matrix has its triangle and kind in the title."""
+    blocks, block_lines = {}, []
     for line in lines:
         if line.startswith("+"):
-            block = blocks.setdefault(line[1:].strip(), [])
+            block_lines = blocks.setdefault(line[1:].strip(), [])
         elif not line.startswith(("*", "-", "%")) and line.strip():
-            block.append(line.rstrip("\n"))
+            block_lines.append(line.rstrip("\n"))
     return blocks
 
 
-def _number(text):
-    """A number, perhaps with an exponent of Fortran's."""
+def _parse_number(text):
+    """Parse a number, perhaps with an exponent of Fortran's."""
     return float(text.upper().replace("D", "E"))
 
 
-def _matrix_of(label, blocks, indices, places, errors):
-    """Covariance of the estimates at `places` among those with `indices`; None where the file has no matrix. [rad²]"""
+def _read_covariance(label, blocks, indices, rows, errors):
+    """Read the covariance of the estimates in some rows, of those with `indices`; None if there is no matrix. [rad²]"""
     title = next((name for name in blocks if name.startswith("SOLUTION/MATRIX_ESTIMATE")), "")
-    kind = title.split()[-1] if title else ""
-    if kind not in ("COVA", "CORR", "INFO") or len(indices) > 2 * _MOST:
+    matrix_kind = title.split()[-1] if title else ""
+    if matrix_kind not in ("COVA", "CORR", "INFO") or len(indices) > 2 * _MOST:
         return None
-    at = {index: place for place, index in enumerate(indices)}
+    row_of_index = {index: position for position, index in enumerate(indices)}
     matrix: FloatArray = np.zeros((len(indices), len(indices)))
     for line in blocks[title]:
-        row, first, *numbers = line.split()
-        for column, text in enumerate(numbers, int(first)):
-            if int(row) not in at or column not in at:
-                raise TableError(f"{label}: the matrix has an element ({row}, {column}) of no estimate")
-            i, j = at[int(row)], at[column]
-            matrix[i, j] = matrix[j, i] = _number(text)
-    if missing := int((matrix.diagonal()[places] == 0).sum()):  # zeros may be left out, and no variance is one
-        raise TableError(f"{label}: the matrix lacks {missing} of {len(places)} diagonal elements: it is cut")
-    if kind == "INFO":
+        row_index, first, *numbers = line.split()
+        for column, element in enumerate(numbers, int(first)):
+            if int(row_index) not in row_of_index or column not in row_of_index:
+                raise TableError(f"{label}: the matrix has an element ({row_index}, {column}) of no estimate")
+            i, j = row_of_index[int(row_index)], row_of_index[column]
+            matrix[i, j] = matrix[j, i] = _parse_number(element)
+    if missing := int((matrix.diagonal()[rows] == 0).sum()):  # zeros may be left out, and no variance is one
+        raise TableError(f"{label}: the matrix lacks {missing} of {len(rows)} diagonal elements: it is cut")
+    if matrix_kind == "INFO":
         matrix = np.asarray(np.linalg.inv(matrix), float)
-    elif kind == "CORR":  # whose diagonal may hold the errors
+    elif matrix_kind == "CORR":  # whose diagonal may hold the errors
         np.fill_diagonal(matrix, 1.0)
         matrix *= errors * errors[:, None]
-    matrix = matrix[np.ix_(places, places)]
+    matrix = matrix[np.ix_(rows, rows)]
     if not (matrix.diagonal() > 0).all():
         raise TableError(f"{label}: the matrix has variances that are not positive")
     return matrix

@@ -32,15 +32,15 @@ _MAGIC = {b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ\0": "xz", b"\x28\xb5\
 _OPENERS: dict[str, Callable[..., Any]] = {"gzip": gzip.open, "bzip2": bz2.open, "xz": lzma.open}
 
 
-def packing(begin: bytes) -> str | None:
-    """Packing of a file by its first bytes; None where it is not packed."""
-    return next((name for magic, name in _MAGIC.items() if begin.startswith(magic)), None)
+def find_packing(beginning: bytes) -> str | None:
+    """Find the packing of a file by its first bytes; None where it is not packed."""
+    return next((name for magic, name in _MAGIC.items() if beginning.startswith(magic)), None)
 
 
 def open_unpacked(path: PathName, label: str) -> io.BufferedReader:
     """The bytes of a file, unpacked where it is packed, as a stream to read from."""
     file = open(path, "rb")  # noqa: SIM115 (the caller closes the stream, and with it the file)
-    compression = packing(file.peek(6)[:6])
+    compression = find_packing(file.peek(6)[:6])
     if compression is None:
         return file
     file.close()
@@ -55,8 +55,8 @@ def open_unpacked(path: PathName, label: str) -> io.BufferedReader:
     return io.BufferedReader(pyarrow.input_stream(os.fspath(path), compression="zstd"), 2**20)
 
 
-def first_bytes(path: PathName, label: str, count: int = 2**14) -> bytes:
-    """The first bytes of a file, unpacked; as many as can be had where it is damaged."""
+def read_first_bytes(path: PathName, label: str, count: int = 2**14) -> bytes:
+    """Read the first bytes of a file, unpacked; as many as can be had where it is damaged."""
     try:
         with open_unpacked(path, label) as stream:
             return stream.read(count)
@@ -89,10 +89,10 @@ class TemporaryPath:
         self.name = os.path.join(folder, name)
 
 
-def unpacked_file(path: PathName, label: str) -> Any:
-    """The file itself, or an unpacked copy that is deleted when nobody holds it any more: something with a `name`."""
+def unpack_file(path: PathName, label: str) -> Any:
+    """Return the file itself, or an unpacked copy that is deleted when nobody holds it: something with a `name`."""
     with open(path, "rb") as file:
-        if packing(file.read(6)) is None:
+        if find_packing(file.read(6)) is None:
             return file
     copy = TemporaryPath(Path(path).stem)
     with unpacking(label), open_unpacked(path, label) as stream, open(copy.name, "wb") as output:
@@ -133,7 +133,7 @@ class TableSource(InNotebook):
         # astropy keeps a mask that a format cannot hold as a column of its own beside the values.
         masks = tuple(f"{name}.mask" for name in request if f"{name}.mask" in self.names)
         for block in self.read(tuple(dict.fromkeys(request + masks)), rows):
-            yield {name: _with_mask(block, name) for name in request}
+            yield {name: _apply_mask_column(block, name) for name in request}
 
     @name_step("reading")
     def columns(self, names: Sequence[str] | None = None) -> dict[str, Any]:
@@ -166,11 +166,11 @@ def number_twins(names: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
     """
     counts: dict[str, int] = {}
     unique: dict[str, None] = {}
-    given = set(names)
+    original_names = set(names)
     for name in names:
         counts[name] = counts.get(name, 0) + 1
         candidate, number = name, counts[name]
-        while candidate in unique or (candidate != name and candidate in given):
+        while candidate in unique or (candidate != name and candidate in original_names):
             candidate, number = f"{name}_{number}", number + 1
         unique[candidate] = None
     return list(unique), tuple(name for name, count in counts.items() if count > 1)
@@ -220,18 +220,18 @@ def check_alike(source: TableSource, label: str, units: Mapping[str, str]) -> No
             raise TableError(f"{source.label} has {name} in {source.units.get(name)}, {label} in {unit}")
 
 
-def _with_mask(block, name):
+def _apply_mask_column(block, name):
     values, mask = block[name]
     if f"{name}.mask" not in block:
         return values, mask
-    further = np.asarray(block[f"{name}.mask"][0])
-    if further.dtype.kind == "O":  # lists, in which some numbers are missing
-        masks, rows = [np.asarray(row, bool) for row in further], np.empty(len(values), object)
-        for i, (row, absent) in enumerate(zip(values, masks, strict=True)):
-            rows[i] = np.where(absent, np.nan, row)
-        values, further = rows, np.array([row.all() for row in masks])
-    further = further.astype(bool)
-    return values, further if mask is None else mask | further
+    mask_column = np.asarray(block[f"{name}.mask"][0])
+    if mask_column.dtype.kind == "O":  # lists, in which some numbers are missing
+        masks, rows = [np.asarray(row, bool) for row in mask_column], np.empty(len(values), object)
+        for i, (row, is_missing) in enumerate(zip(values, masks, strict=True)):
+            rows[i] = np.where(is_missing, np.nan, row)
+        values, mask_column = rows, np.array([row.all() for row in masks])
+    mask_column = mask_column.astype(bool)
+    return values, mask_column if mask is None else mask | mask_column
 
 
 def join_blocks(blocks: Sequence[Any]) -> Any:
@@ -249,7 +249,7 @@ def open_astropy(table: Any) -> TableSource:
     coordinates = [name for name in table.colnames if hasattr(table[name], "spherical")]
     if coordinates:
         plain = table[[name for name in table.colnames if name not in coordinates]]
-        columns, frame = _skycoord_columns(table[coordinates[0]])
+        columns, frame = _convert_skycoord(table[coordinates[0]])
         for name, values in columns.items():
             if name not in plain.colnames:
                 plain[name] = values
@@ -260,7 +260,7 @@ def open_astropy(table: Any) -> TableSource:
 
     def read(request, rows):
         for start in range(0, max(1, len(table)), rows):
-            yield {name: _column(table[name][start : start + rows]) for name in request}
+            yield {name: _convert_column(table[name][start : start + rows]) for name in request}
 
     descriptions = {name: table[name].description for name in names if getattr(table[name], "description", None)}
     return TableSource("the table", names, read, units, dict(table.meta), descriptions=descriptions)
@@ -270,12 +270,12 @@ def open_skycoord(coord: Any) -> TableSource:
     """An astropy SkyCoord: positions, and motions and distances where it has them."""
     from astropy.table import Table
 
-    columns, frame = _skycoord_columns(coord)
+    columns, frame = _convert_skycoord(coord)
     return open_astropy(Table(columns, meta={FRAME_KEY: frame}))
 
 
-def _skycoord_columns(coord):
-    """Columns of coordinates in the names of Gaia's archive, and their frame."""
+def _convert_skycoord(coord):
+    """Convert coordinates to columns in the names of Gaia's archive, and find their frame."""
     if coord.isscalar:
         raise TableError("the SkyCoord holds one position: give it arrays")
     return coordinate_columns(coord, TableError)
@@ -299,35 +299,35 @@ def open_dataframe(frame: Any) -> TableSource:
     names = tuple(map(str, frame.columns))
     if len(set(names)) < len(names):
         raise TableError(f"the table has several columns of one name: {', '.join(names)}")
-    at = dict(zip(names, range(len(names)), strict=True))
+    numbers = dict(zip(names, range(len(names)), strict=True))
 
     def read(request, rows):
         for start in range(0, max(1, len(frame)), rows):
-            yield {name: _series_values(frame.iloc[start : start + rows, at[name]], name) for name in request}
+            yield {name: _convert_series(frame.iloc[start : start + rows, numbers[name]], name) for name in request}
 
     meta = {str(key): value for key, value in getattr(frame, "attrs", {}).items()}
-    stated = meta.get("units")  # as users of pandas keep them
-    stated = stated if isinstance(stated, Mapping) else {}
-    units = {name: str(stated[name]) for name in names if name in stated}
+    stated_units = meta.get("units")  # as users of pandas keep them
+    stated_units = stated_units if isinstance(stated_units, Mapping) else {}
+    units = {name: str(stated_units[name]) for name in names if name in stated_units}
     return TableSource("the table", names, read, units, meta)
 
 
-def open_dict_or_array(thing: Any) -> TableSource:
+def open_dict_or_array(table: Any) -> TableSource:
     """A dict of columns or a structured array."""
     from astropy.table import Table
 
-    if isinstance(thing, (int, float, complex, bytes)) or thing is None:
-        raise TableError(f"a {type(thing).__name__} is no table")
-    with as_table_error(f"a {type(thing).__name__} is no table"):  # whatever astropy makes of what is none
-        return open_astropy(Table(thing))
+    if isinstance(table, (int, float, complex, bytes)) or table is None:
+        raise TableError(f"a {type(table).__name__} is no table")
+    with as_table_error(f"a {type(table).__name__} is no table"):  # whatever astropy makes of what is none
+        return open_astropy(Table(table))
 
 
-def is_dataframe(thing: Any) -> bool:
+def is_dataframe(value: Any) -> bool:
     """Return whether an object is pandas' DataFrame or made from it; pandas need not be installed."""
-    return any(c.__name__ == "DataFrame" and c.__module__.split(".")[0] == "pandas" for c in type(thing).__mro__)
+    return any(c.__name__ == "DataFrame" and c.__module__.split(".")[0] == "pandas" for c in type(value).__mro__)
 
 
-def _column(column):
+def _convert_column(column):
     mask = getattr(column, "mask", None)
     values = getattr(column, "unmasked", column)
     values = getattr(values, "value", values)
@@ -335,7 +335,7 @@ def _column(column):
     return np.asarray(np.ma.getdata(values)), mask
 
 
-def _series_values(series, name):
+def _convert_series(series, name):
     mask = series.isna().to_numpy()
     if isinstance(series.dtype, np.dtype) and series.dtype.kind == "f":
         return series.to_numpy(), None  # a nan is not finite, as in every format
@@ -359,9 +359,9 @@ def _series_values(series, name):
 #: Sexagesimal columns as journals and the CDS name them.
 _SEXAGESIMAL = ("RAh", "RAm", "RAs", "DE-", "DEd", "DEm", "DEs")
 #: Text that is read whole may have so many bytes; larger tables come as CSV, FITS or Parquet.
-_MOST = 2**30
+_MOST_BYTES = 2**30
 #: A column of HDF5 of more bytes is none. [bytes]
-_LARGEST = 2**34
+_MOST_HDF5_BYTES = 2**34
 
 
 def open_whole(path: PathName, label: str, kind: str) -> TableSource:
@@ -370,7 +370,7 @@ def open_whole(path: PathName, label: str, kind: str) -> TableSource:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # units that a format spells in its own way
             if kind == "hdf5":
-                plain = unpacked_file(path, label)
+                plain = unpack_file(path, label)
                 table = _read_hdf5(plain.name, label)
             else:
                 table = _read_text(Path(path), label, kind)
@@ -384,7 +384,7 @@ def open_whole(path: PathName, label: str, kind: str) -> TableSource:
         raise TableError(f"{label} cannot be read as {kind.removeprefix('ascii.')}: {first_line(error)}") from error
     if not len(table):
         raise TableError(f"{label} has no rows")
-    return replace(open_astropy(_with_degrees(table)), label=label)
+    return replace(open_astropy(_add_degrees(table)), label=label)
 
 
 #: HDF5 has at most so many groups within each other.
@@ -397,10 +397,10 @@ def _read_hdf5(path, label):
     from astropy.table import Table
 
     with h5py.File(path, "r") as file:
-        compound, groups = [], {}
+        compounds, names_by_group = [], {}
         size, total = Path(path).stat().st_size, 0
 
-        def visit(name, item):
+        def collect_datasets(name, item):
             nonlocal total
             if name.count("/") > _DEEPEST:
                 raise TableError(f"{label} has more than {_DEEPEST} groups within groups: keep its table at the top")
@@ -413,20 +413,20 @@ def _read_hdf5(path, label):
                 )
             total += item.nbytes
             check_unpacked_size(label, total, size)
-            if total > _LARGEST:
+            if total > _MOST_HDF5_BYTES:
                 raise TableError(
                     f"{label} has {total / 2**30:.3g} GiB, and HDF5 is read whole: make it FITS or Parquet"
                 )
             if item.dtype.names:
-                compound.append(name)
+                compounds.append(name)
             elif item.ndim == 1:
-                groups.setdefault(name.rpartition("/")[0], []).append(name)
+                names_by_group.setdefault(name.rpartition("/")[0], []).append(name)
 
-        file.visititems(visit)
-        if columns := _pandas_columns(file, label) or _vaex_columns(file, groups):
+        file.visititems(collect_datasets)
+        if columns := _read_pandas_columns(file, label) or _read_vaex_columns(file, names_by_group):
             return Table(columns)
-        tables = [name for name in compound if not name.endswith("__table_column_meta__")]
-        column_groups = {group: names for group, names in groups.items() if len(names) > 1 and not tables}
+        tables = [name for name in compounds if not name.endswith("__table_column_meta__")]
+        column_groups = {group: names for group, names in names_by_group.items() if len(names) > 1 and not tables}
         if len(tables) + len(column_groups) != 1:
             present = ", ".join([*tables, *column_groups]) or "none"
             raise TableError(f"{label} holds {len(tables) + len(column_groups)} tables ({present}): keep one in a file")
@@ -436,8 +436,8 @@ def _read_hdf5(path, label):
     return Table.read(path, path=tables[0], format="hdf5", character_as_bytes=False)
 
 
-def _pandas_columns(file, label):
-    """The columns of numbers of the one frame that pandas wrote; none where it wrote none."""
+def _read_pandas_columns(file, label):
+    """Read the columns of numbers of the one frame that pandas wrote; none where it wrote none."""
     frames = [group for group in file.values() if "pandas_type" in group.attrs]
     if len(frames) > 1:
         raise TableError(f"{label} holds {len(frames)} frames of pandas: keep one in a file")
@@ -450,14 +450,14 @@ def _pandas_columns(file, label):
             )
         columns = {}
         for key in [key for key in frame if key.endswith("_values") and frame[key].ndim == 2]:
-            items = _decode_bytes(frame[key.replace("_values", "_items")][()])
-            columns |= dict(zip(items.tolist(), frame[key][()].T, strict=True))
+            item_names = _decode_bytes(frame[key.replace("_values", "_items")][()])
+            columns |= dict(zip(item_names.tolist(), frame[key][()].T, strict=True))
         return columns
     return {}
 
 
-def _vaex_columns(file, groups):
-    """The columns of numbers of a file of vaex, which has a group for each."""
+def _read_vaex_columns(file, groups):
+    """Read the columns of numbers of a file of vaex, which has a group for each."""
     from astropy.table import MaskedColumn
 
     columns = {}
@@ -477,21 +477,21 @@ def _read_text(path, label, file_format):
     from astropy.io import ascii
 
     readme = path.with_name("ReadMe")
-    plain = unpacked_file(path, label)
+    plain = unpack_file(path, label)
     size = Path(plain.name).stat().st_size
-    if size > _MOST:
+    if size > _MOST_BYTES:
         raise TableError(
             f"{label} has {size / 2**30:.1f} GiB, too much for text that is read whole: make it CSV, FITS or Parquet"
         )
     with open(plain.name, "rb") as file:
-        begin = file.read(2**16)
-    if b"\0" in begin:
+        beginning = file.read(2**16)
+    if b"\0" in beginning:
         raise TableError(f"{label} is no text")
     if file_format == "ascii":
         return ascii.read(plain.name, format=None, guess=True)
     if file_format == "ascii.ipac":
         return ascii.read(plain.name, format="ipac", guess=False)
-    if b"Byte-by-byte" not in begin:
+    if b"Byte-by-byte" not in beginning:
         if not readme.is_file():
             raise TableError(f"{label} does not describe its columns, and there is no file ReadMe beside it that does")
         return ascii.read(plain.name, format="cds", guess=False, readme=str(readme))
@@ -501,14 +501,14 @@ def _read_text(path, label, file_format):
     return ascii.read(lines, format=file_format.removeprefix("ascii."), guess=False)
 
 
-def _with_degrees(table):
-    """ra and dec in degrees, where the table has hours, minutes and seconds, and no others."""
+def _add_degrees(table):
+    """Add ra and dec in degrees, where the table has hours, minutes and seconds, and no others."""
     if not set(_SEXAGESIMAL) <= set(table.colnames) or {"ra", "dec"} & set(table.colnames):
         return table
     hours, minutes, seconds, sign, degrees, arcmin, arcsec = (table[name] for name in _SEXAGESIMAL)
-    negative = np.where(np.ma.getdata(sign).astype(str) == "-", -1.0, 1.0)
+    signs = np.where(np.ma.getdata(sign).astype(str) == "-", -1.0, 1.0)
     ra = 15 * (np.ma.asarray(hours) + np.ma.asarray(minutes) / 60 + np.ma.asarray(seconds) / 3600)
-    dec = negative * (np.ma.asarray(degrees) + np.ma.asarray(arcmin) / 60 + np.ma.asarray(arcsec) / 3600)
+    dec = signs * (np.ma.asarray(degrees) + np.ma.asarray(arcmin) / 60 + np.ma.asarray(arcsec) / 3600)
     from astropy.table import MaskedColumn
 
     table.add_columns([MaskedColumn(ra, unit="deg"), MaskedColumn(dec, unit="deg")], names=["ra", "dec"])

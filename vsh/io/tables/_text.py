@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.io.tables._arrow import FIELD, NULLS, NotPlain, csv_blocks
+from vsh.io.tables._arrow import FIELD, NULLS, NotPlain, read_csv_blocks
 from vsh.io.tables._source import TableSource, TemporaryPath, number_twins, open_dict_or_array, open_unpacked, unpacking
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.notes import DOUBT, CodedNote
@@ -35,7 +35,7 @@ from vsh.tools.types import PathName
 #: Lines of comments above a table; VizieR writes one a column, and more.
 MOST_COMMENTS = 20_000
 #: Lines below the comments that are looked at.
-_LOOK = 12
+_LINES_OF_LAYOUT = 12
 _DELIMITERS = (",", ";", "\t", "|")
 _RULE = re.compile(r"[-=\s;|,\t+]*(--|==)[-=\s;|,\t+]*")
 _DASHES = re.compile(r"-+")
@@ -60,18 +60,18 @@ class Layout:
     notes: tuple[str, ...] = ()
     twins: tuple[str, ...] = ()
 
-    def fields(self, line: str) -> list[str] | None:
+    def split_line(self, line: str) -> list[str] | None:
         """The fields of a line that no delimiter divides; None where text stands outside the columns."""
         if not self.spans:
-            return _fields(line, " ") if '"' in line else line.split()
+            return _split_fields(line, " ") if '"' in line else line.split()
         gaps = zip(self.spans, self.spans[1:])
-        if line[: self.spans[0].start].strip() or any(line[a.stop : b.start].strip() for a, b in gaps):
+        if line[: self.spans[0].start].strip() or any(line[left.stop : right.start].strip() for left, right in gaps):
             return None
         return [line[span].strip() for span in self.spans]
 
 
-def layout_of(lines: Iterator[str], label: str) -> Layout:
-    """The layout of the table whose lines these are."""
+def find_layout(lines: Iterator[str], label: str) -> Layout:
+    """Find the layout of the table whose lines these are."""
     comments: list[str] = []
     skip, body = 0, []
     for line in lines:
@@ -83,7 +83,7 @@ def layout_of(lines: Iterator[str], label: str) -> Layout:
                 raise TableError(f"{label} is no table: {MOST_COMMENTS} lines of comments, and no row")
             continue
         body.append(text)
-        if len(body) == _LOOK:
+        if len(body) == _LINES_OF_LAYOUT:
             break
     if not body:
         raise TableError(f"{label} is empty" if not comments else f"{label} has a header and no table")
@@ -98,15 +98,15 @@ def _layout_with_rule(heading, rule, skip, label):
     """Names, units and a rule of dashes below them, as VizieR writes them."""
     delimiter = next((d for d in (";", "\t", "|", ",") if d in rule and d in heading[0]), None)
     if delimiter:
-        names, *units = (_fields(line, delimiter) for line in heading)
+        names, *units = (_split_fields(line, delimiter) for line in heading)
         units = [" ".join(fragments).strip() for fragments in zip_longest(*units, fillvalue="")]
-        return _with_units(_layout(names, skip, delimiter), units)
+        return _add_units(_make_layout(names, skip, delimiter), units)
     spans = [slice(match.start(), match.end()) for match in _DASHES.finditer(rule.replace("=", "-"))]
     # The last column may be longer than its dashes; text between two columns belongs to none.
     spans[-1] = slice(spans[-1].start, None)
     names, *units = ([line[span].strip() for span in spans] for line in heading)
     units = ["".join(fragments) for fragments in zip(*units)]
-    return _with_units(_layout(names, skip, "", tuple(spans)), units)
+    return _add_units(_make_layout(names, skip, "", tuple(spans)), units)
 
 
 def _layout_without_rule(body, comments, skip, label):
@@ -117,9 +117,9 @@ def _layout_without_rule(body, comments, skip, label):
         remark = f"{titles} line{'s' * (titles > 1)} above the names of the columns left out: {printable(body[0][:60])}"
         return replace(layout, notes=(*layout.notes, remark))
     rows = [line for line in body if line.strip()]
-    delimiter = _delimiter(rows)
-    fields = _fields(rows[0], delimiter)
-    names = _names_in_comment(comments, len(fields), delimiter)
+    delimiter = _find_delimiter(rows)
+    fields = _split_fields(rows[0], delimiter)
+    names = _find_names_in_comments(comments, len(fields), delimiter)
     # Where a comment has names, a row is one with few numbers as well.
     if _looks_like_data(fields, 1 if names else 2) and not _is_quoted_name(rows[0]):
         notes: tuple[str, ...] = ()
@@ -128,55 +128,55 @@ def _layout_without_rule(body, comments, skip, label):
             notes = (
                 f"{label} has no line of as many names as values: its columns are called col1 to col{len(fields)}",
             )
-        layout = _with_comma(_layout(names, skip, delimiter, notes=notes), rows)
-        return _with_units(layout, _units_in_comment(comments, len(fields), delimiter))
-    below = [_fields(line, delimiter) for line in rows[1:]]
+        layout = _detect_decimal_commas(_make_layout(names, skip, delimiter, notes=notes), rows)
+        return _add_units(layout, _find_units_in_comments(comments, len(fields), delimiter))
+    below = [_split_fields(line, delimiter) for line in rows[1:]]
     blank = bool(delimiter) and below and all(len(row) == 1 for row in below)
     if blank and all(len(line.split()) == len(fields) for line in rows[1:]):  # names between ; over rows between blanks
-        return _layout(fields, skip + 1, "")
+        return _make_layout(fields, skip + 1, "")
     units = []
     if len(below) > 1 and len(below[0]) == len(fields) and _are_units(below[0]) and _looks_like_data(below[1]):
         units, skip = below[0], skip + 1
         rows = [rows[0], *rows[2:]]
-    return _with_units(_with_comma(_layout(fields, skip + 1, delimiter), rows[1:]), units)
+    return _add_units(_detect_decimal_commas(_make_layout(fields, skip + 1, delimiter), rows[1:]), units)
 
 
 def _count_titles(body):
     """Number of lines above the names: a title, or headings of several columns, where the rows have more fields."""
     for k, line in enumerate(body[1:6], 1):
-        below = [row for row in body[k:] if row.strip()]
-        if not below:
+        later_lines = [row for row in body[k:] if row.strip()]
+        if not later_lines:
             return 0
-        delimiter = _delimiter(below)
-        fields = _fields(line, delimiter)
+        delimiter = _find_delimiter(later_lines)
+        fields = _split_fields(line, delimiter)
         if not _looks_like_data(fields) or len(fields) < 4:
             continue
-        top = k - 1
-        if top and _are_units(_fields(body[top], delimiter)):
-            top -= 1
-        title_fields, names = _fields(body[0], delimiter), _fields(body[top], delimiter)
+        name_line = k - 1
+        if name_line and _are_units(_split_fields(body[name_line], delimiter)):
+            name_line -= 1
+        title_fields, names = _split_fields(body[0], delimiter), _split_fields(body[name_line], delimiter)
         is_named = len(names) == len(fields) and all(names[1:]) and not _looks_like_data(names)
         is_title = len(title_fields) != len(fields) or not all(title_fields[1:])
-        return top if top and is_named and is_title and not _looks_like_data(title_fields) else 0
+        return name_line if name_line and is_named and is_title and not _looks_like_data(title_fields) else 0
     return 0
 
 
-def _delimiter(rows):
+def _find_delimiter(rows):
     """Find the delimiter that all lines have equally often, or blanks."""
     best = ""
     for delimiter in _DELIMITERS:
-        counts = [len(_fields(line, delimiter)) for line in rows]
-        if counts[0] < 2 or counts[0] <= (len(_fields(rows[0], best)) if best else 1):
+        counts = [len(_split_fields(line, delimiter)) for line in rows]
+        if counts[0] < 2 or counts[0] <= (len(_split_fields(rows[0], best)) if best else 1):
             continue
         # A line that is damaged does not change what the others have.
         n_matches = sum(count == counts[0] for count in counts[1:])
-        has_names = not _looks_like_data(_fields(rows[0], delimiter))
+        has_names = not _looks_like_data(_split_fields(rows[0], delimiter))
         if len(counts) == 1 or n_matches >= (len(counts) - 1) / 2 or has_names:
             best = delimiter
     return best
 
 
-def _fields(line, delimiter):
+def _split_fields(line, delimiter):
     if not delimiter:
         return line.split()
     try:
@@ -185,17 +185,17 @@ def _fields(line, delimiter):
         return [text.strip() for text in line.split(delimiter)]
 
 
-def _layout(names, skip, delimiter, spans=(), notes=()):
-    """A layout with names without blanks around them; a column without one is called by its number."""
+def _make_layout(names, skip, delimiter, spans=(), notes=()):
+    """Make a layout with names without blanks around them; a column without one is called by its number."""
     names = [name.strip().strip('"').strip() or f"col{k + 1}" for k, name in enumerate(names)]
     unique, twins = number_twins(names)
     return Layout(unique, skip, delimiter, spans, notes=notes, twins=twins)
 
 
 #: A line of the header of IVS catalogues: number, unit and meaning of a column.
-_NUMBERED = re.compile(r"\s*(\d+)\s+(\S+)\s+(.+?)\s*")
+_NUMBERED_COLUMN = re.compile(r"\s*(\d+)\s+(\S+)\s+(.+?)\s*")
 #: What these meanings are called here; errors of right ascension only where they include cos δ.
-_MEANINGS = {
+_NAME_OF_MEANING = {
     "IERS designation": "iers", "IVS designation": "ivs", "Right ascension": "ra", "Declination": "dec",
     "Formal uncertainty of the right ascension (*cos(Dec))": "ra_error",
     "Formal uncertainty of the declination": "dec_error",
@@ -203,31 +203,31 @@ _MEANINGS = {
 }  # fmt: skip
 
 
-def _numbered_columns(comments, count):
-    """Names and units of a header that numbers its columns; none where it does not have all of them."""
-    matches = [match for match in map(_NUMBERED.fullmatch, comments) if match]
+def _find_numbered_columns(comments, count):
+    """Find names and units in a header that numbers its columns; none where it does not have all of them."""
+    matches = [match for match in map(_NUMBERED_COLUMN.fullmatch, comments) if match]
     if [int(match[1]) for match in matches] != list(range(1, count + 1)):
         return None, []
-    return [_MEANINGS.get(match[3], match[3]) for match in matches], [match[2] for match in matches]
+    return [_NAME_OF_MEANING.get(match[3], match[3]) for match in matches], [match[2] for match in matches]
 
 
-def _names_in_comment(comments, count, delimiter):
-    """The names behind a # right above the rows, where they are as many as the columns."""
-    if names := _numbered_columns(comments, count)[0]:
+def _find_names_in_comments(comments, count, delimiter):
+    """Find the names behind a # right above the rows, where they are as many as the columns."""
+    if names := _find_numbered_columns(comments, count)[0]:
         return names
     for comment in reversed(comments[-5:]):
-        for names in (_fields(comment, delimiter), comment.split(), _fields(comment, ",")):
+        for names in (_split_fields(comment, delimiter), comment.split(), _split_fields(comment, ",")):
             if len(names) == count and not _looks_like_data(names) and not _are_units(names):
                 return names
     return None
 
 
-def _units_in_comment(comments, count, delimiter):
-    """The units behind a # right above the rows, where they are as many as the columns."""
-    if units := _numbered_columns(comments, count)[1]:
+def _find_units_in_comments(comments, count, delimiter):
+    """Find the units behind a # right above the rows, where they are as many as the columns."""
+    if units := _find_numbered_columns(comments, count)[1]:
         return units
     for comment in reversed(comments[-3:]):
-        for units in (_fields(comment, delimiter), comment.split()):
+        for units in (_split_fields(comment, delimiter), comment.split()):
             if len(units) == count and _are_units(units):
                 return units
     return []
@@ -235,17 +235,17 @@ def _units_in_comment(comments, count, delimiter):
 
 def _looks_like_data(fields: Sequence[str], least: int = 2) -> bool:
     """Return whether at least two of the fields, and a third of them unless one is enough, are numbers."""
-    numbers = sum(bool(_NUMBER.fullmatch(text) or _ANGLE.fullmatch(text)) for text in fields)
+    numbers = sum(bool(_NUMBER.fullmatch(entry) or _ANGLE.fullmatch(entry)) for entry in fields)
     return numbers >= least and (3 * numbers >= len(fields) or least == 1)
 
 
 def _is_quoted_name(line):
-    return line.lstrip().startswith('"') and not any(_NUMBER.fullmatch(f) for f in line.split(","))
+    return line.lstrip().startswith('"') and not any(_NUMBER.fullmatch(entry) for entry in line.split(","))
 
 
 def _are_units(fields):
     """Return whether a line below the names holds units: no numbers, and most of it units that astropy knows."""
-    candidates = [text.strip('()[] "') for text in fields if text.strip('()[] "-')]
+    candidates = [entry.strip('()[] "') for entry in fields if entry.strip('()[] "-')]
     if not candidates or any(_NUMBER.fullmatch(candidate) for candidate in candidates):
         return False
     return sum(_is_unit(candidate) for candidate in candidates) * 2 > len(candidates)
@@ -254,21 +254,21 @@ def _are_units(fields):
 def _is_unit(candidate):
     from astropy import units as u
 
-    units = [u.Unit(candidate, format=form, parse_strict="silent") for form in ("generic", "cds")]
+    units = [u.Unit(candidate, format=unit_format, parse_strict="silent") for unit_format in ("generic", "cds")]
     return candidate in ("h:m:s", "d:m:s") or not all(isinstance(unit, u.UnrecognizedUnit) for unit in units)
 
 
-def _with_units(layout, units):
+def _add_units(layout, units):
     unit_names = [unit.strip().strip('"').strip() for unit in units]
     unit_names = [unit[1:-1].strip() if unit[:1] + unit[-1:] in ("()", "[]") else unit for unit in unit_names]
     return replace(layout, units={name: unit for name, unit in zip(layout.names, unit_names) if unit.strip("-")})
 
 
-def _with_comma(layout, rows):
-    """The layout with decimal commas, where fields have them and none has a point."""
+def _detect_decimal_commas(layout, rows):
+    """Return the layout with decimal commas, where fields have them and none has a point."""
     if layout.delimiter in (",", ""):
         return layout
-    values = [value for line in rows for value in _fields(line, layout.delimiter)]
+    values = [value for line in rows for value in _split_fields(line, layout.delimiter)]
     commas = sum(bool(_DECIMAL_COMMA.fullmatch(value)) for value in values)
     points = sum("." in value and bool(_NUMBER.fullmatch(value)) for value in values)
     if not commas or points:
@@ -289,37 +289,37 @@ def open_text(path: PathName, label: str) -> TableSource:
     with open_lines(path, label) as lines:
         top_line = next(lines, "")
         # A mark of the byte order, which spreadsheets write, is no part of the first name.
-        ecsv = top_line.lstrip("\ufeff").replace(" ", "").upper().startswith("#%ECSV")
-        if ecsv:
-            layout, types, meta, descriptions = _ecsv_layout(top_line, lines, label)
+        is_ecsv = top_line.lstrip("\ufeff").replace(" ", "").upper().startswith("#%ECSV")
+        if is_ecsv:
+            layout, types, meta, descriptions = _read_ecsv_layout(top_line, lines, label)
         else:
-            layout, types, meta, descriptions = layout_of(chain([top_line], lines), label), {}, {}, {}
+            layout, types, meta, descriptions = find_layout(chain([top_line], lines), label), {}, {}, {}
     names, width = layout.names, len(layout.names)
 
     def read(request, rows):
         indices = [names.index(name) for name in request]
-        count = 0
+        n_rows = 0
         if layout.delimiter and not layout.decimal_comma and os.path.getsize(path) >= LARGE:
             with suppress(NotPlain):
-                for columns in csv_blocks(lambda: open_unpacked(path, label), layout, types, request, rows):
-                    block = {name: _from_arrow(column, types.get(name)) for name, column in columns.items()}
+                for columns in read_csv_blocks(lambda: open_unpacked(path, label), layout, types, request, rows):
+                    block = {name: _convert_from_arrow(column, types.get(name)) for name, column in columns.items()}
                     yield block
-                    count += len(next(iter(block.values()))[0])
-                if count:
+                    n_rows += len(next(iter(block.values()))[0])
+                if n_rows:
                     return
         with open_lines(path, label) as lines:
             for _ in islice(lines, layout.skip):
                 pass
             if layout.delimiter:
-                records = _records(lines, indices, width, layout.delimiter, label, layout.skip)
+                records = _iterate_records(lines, indices, width, layout.delimiter, label, layout.skip)
             else:
-                records = _cut_columns(lines, indices, layout, label)
-            for _ in islice(records, count):
+                records = _iterate_records_between_blanks(lines, indices, layout, label)
+            for _ in islice(records, n_rows):
                 pass
-            while chunk := list(islice(records, rows)):
-                yield _block(request, chunk, types, label, layout.skip + count, layout.decimal_comma)
-                count += len(chunk)
-            if not count:
+            while row_fields := list(islice(records, rows)):
+                yield _parse_block(request, row_fields, types, label, layout.skip + n_rows, layout.decimal_comma)
+                n_rows += len(row_fields)
+            if not n_rows:
                 yield {name: (np.empty(0), None) for name in request}
 
     return TableSource(
@@ -327,8 +327,8 @@ def open_text(path: PathName, label: str) -> TableSource:
     )
 
 
-def _ecsv_layout(top_line, lines, label):
-    """Layout, types, metadata and descriptions, from the header of an ECSV file."""
+def _read_ecsv_layout(top_line, lines, label):
+    """Read layout, types, metadata and descriptions from the header of an ECSV file."""
     comments, line = [], top_line
     while line.lstrip("\ufeff").startswith("#"):
         comments.append(line.lstrip("\ufeff")[1:].strip("\n\r").removeprefix(" "))
@@ -343,14 +343,14 @@ def _ecsv_layout(top_line, lines, label):
         types = {column["name"]: column["datatype"] for column in columns}
         units = {column["name"]: column["unit"] for column in columns if column.get("unit")}
         descriptions = {column["name"]: str(column["description"]) for column in columns if column.get("description")}
-        special = any(column.get("subtype") for column in columns)
+        has_subtypes = any(column.get("subtype") for column in columns)
         delimiter = header.get("delimiter", " ")
         meta = dict(header.get("meta") or {})
     except Exception as error:  # whatever a damaged header makes of YAML
         raise TableError(f"{label} cannot be read as ECSV: its header is damaged ({first_line(error)})") from error
     if delimiter not in (" ", ","):
         raise TableError(f"{label} cannot be read as ECSV: its fields are separated by {delimiter!r}")
-    if special or "__serialized_columns__" in meta:
+    if has_subtypes or "__serialized_columns__" in meta:
         meta["__special__"] = True
     names = _split_line(line, delimiter, label)
     if list(types) != names:
@@ -363,14 +363,14 @@ def _ecsv_layout(top_line, lines, label):
 @contextmanager
 def open_lines(path: PathName, label: str) -> Iterator[Iterator[str]]:
     """The lines of a file, packed or not; as a context, so that a file is always closed."""
-    with io.TextIOWrapper(open_unpacked(path, label), encoding="utf-8", newline="\n") as text:
-        yield _read_lines(text, label)
+    with io.TextIOWrapper(open_unpacked(path, label), encoding="utf-8", newline="\n") as stream:
+        yield _read_lines(stream, label)
 
 
-def _read_lines(text, label):
+def _read_lines(stream, label):
     with unpacking(label):
         try:
-            while line := text.readline(LINE):
+            while line := stream.readline(LINE):
                 if len(line) == LINE:
                     raise TableError(f"{label} is damaged, or no table: it has a line of more than {LINE} characters")
                 yield line
@@ -385,25 +385,25 @@ def _split_line(line, delimiter, label):
         raise TableError(f"{label} cannot be read: {error}") from None
 
 
-def _records(lines, indices, width, delimiter, label, number):
-    """The wanted fields of each row: tuples of text."""
-    pick = itemgetter(*indices) if len(indices) > 1 else lambda row: (row[indices[0]],)
+def _iterate_records(lines, indices, width, delimiter, label, line_number):
+    """Iterate over the wanted fields of each row: tuples of text."""
+    select_wanted = itemgetter(*indices) if len(indices) > 1 else lambda row: (row[indices[0]],)
     n_splits = max(indices) + 1
     for line in lines:
-        number += 1
-        quotes = '"' in line
-        if line.count(delimiter) == width - 1 and (not quotes or _quotes_whole_fields(line, delimiter)):
+        line_number += 1
+        has_quotes = '"' in line
+        if line.count(delimiter) == width - 1 and (not has_quotes or _quotes_whole_fields(line, delimiter)):
             row = line.rstrip("\r\n").split(delimiter, n_splits)
-            values = pick(row)
-            yield tuple(_unquote(value) for value in values) if quotes else values
+            wanted = select_wanted(row)
+            yield tuple(_unquote(value) for value in wanted) if has_quotes else wanted
             continue
         if not line.strip() or line.startswith("#"):  # VizieR ends with #END#
-            _check_single_table(line, number, label)
+            _check_single_table(line, line_number, label)
             continue
-        start = number
+        start = line_number
         while line.count('"') % 2:  # a field may hold line breaks
             continuation = next(lines, "")
-            number += 1
+            line_number += 1
             if not continuation or len(line) > LINE:
                 raise TableError(f"{label}, line {start}: a quotation mark is not closed")
             line += continuation
@@ -413,16 +413,16 @@ def _records(lines, indices, width, delimiter, label, number):
                 f"{label}, line {start} is damaged: {len(row)} fields where the table has {width} "
                 "columns. Complete the line, or delete it"
             )
-        yield pick(row)
+        yield select_wanted(row)
 
 
-def _cut_columns(lines, indices, layout, label):
-    """The wanted fields of each row of fields between blanks, or in fixed columns."""
+def _iterate_records_between_blanks(lines, indices, layout, label):
+    """Iterate over the wanted fields of each row of fields between blanks, or in fixed columns."""
     for number, line in enumerate(lines, layout.skip + 1):
         if not line.strip() or line.startswith("#"):
             _check_single_table(line, number, label)
             continue
-        row = layout.fields(line.rstrip("\r\n"))
+        row = layout.split_line(line.rstrip("\r\n"))
         if row is None:
             raise TableError(f"{label}, line {number} is damaged: text stands between the columns")
         if len(row) != len(layout.names):
@@ -438,12 +438,12 @@ def _cut_columns(lines, indices, layout, label):
 
 
 #: The line with which VizieR begins each table of a file.
-_TABLE = re.compile(r"#\s*Table\b", re.IGNORECASE)
+_TABLE_LINE = re.compile(r"#\s*Table\b", re.IGNORECASE)
 
 
 def _check_single_table(line, number, label):
     """Raise TableError where another table of VizieR begins below the rows."""
-    if _TABLE.match(line):
+    if _TABLE_LINE.match(line):
         raise TableError(
             f"{label} holds several tables; another begins in line {number}: {printable(line.strip()[:60])}. Say which "
             f"is meant, by its number: {label}#1"
@@ -456,7 +456,7 @@ def open_numbered_table(path: PathName, number: int, label: str) -> TableSource:
     count = 0
     with open_lines(path, label) as lines, open(copy.name, "w", encoding="utf-8") as file:
         for line in lines:
-            count += bool(_TABLE.match(line))
+            count += bool(_TABLE_LINE.match(line))
             if count == number:
                 file.write(line)
     if count < number or number < 1:
@@ -476,9 +476,9 @@ def _unquote(field):
     return field
 
 
-def _block(names, chunk, types, label, first_line_number, decimal_comma=False):
+def _parse_block(names, records, types, label, first_line_number, decimal_comma=False):
     block = {}
-    for name, column in zip(names, zip(*chunk, strict=True), strict=True):
+    for name, column in zip(names, zip(*records, strict=True), strict=True):
         longest = max(map(len, column))
         if longest > FIELD:
             row = first_line_number + 1 + max(range(len(column)), key=lambda i: len(column[i]))
@@ -489,18 +489,18 @@ def _block(names, chunk, types, label, first_line_number, decimal_comma=False):
     return block
 
 
-def _parse_column(text, datatype, decimal_comma=False):
-    """Values and mask of a column of text, whose header says a type or not."""
-    values, mask = _values(np.char.replace(text, ",", ".") if decimal_comma else text, datatype)
+def _parse_column(texts, datatype, decimal_comma=False):
+    """Parse a column of text as values and mask, whose header says a type or not."""
+    values, mask = _parse_values(np.char.replace(texts, ",", ".") if decimal_comma else texts, datatype)
     if values.dtype.kind == "U" and datatype is None:  # blanks around a field are no part of it
-        stripped_text = np.char.strip(text)
-        if decimal_comma or (stripped_text != text).any():
-            return _values(stripped_text, None)
+        stripped_text = np.char.strip(texts)
+        if decimal_comma or (stripped_text != texts).any():
+            return _parse_values(stripped_text, None)
     return values, mask
 
 
-def _from_arrow(column, datatype):
-    """Values and mask of a column that Arrow has read as numbers, or as text where it is not sure of numbers."""
+def _convert_from_arrow(column, datatype):
+    """Convert to values and mask a column that Arrow read as numbers, or as text where it is not sure of numbers."""
     if column.dtype.kind == "U":
         return _parse_column(column, datatype)
     mask = np.ma.getmaskarray(column)
@@ -509,82 +509,82 @@ def _from_arrow(column, datatype):
     return column.data, mask if mask.any() else None
 
 
-def _values(text, datatype):
-    """Numbers where all are numbers, else text; the mask of what is missing."""
-    mask = np.isin(text, NULLS)
+def _parse_values(texts, datatype):
+    """Parse text as numbers where all are numbers; else it stays text. With the mask of what is missing, or None."""
+    mask = np.isin(texts, NULLS)
     if mask.all() and datatype not in ("string", "str"):
-        return np.full(len(text), np.nan), mask
-    missing = mask if mask.any() else None
+        return np.full(len(texts), np.nan), mask
+    missing_mask = mask if mask.any() else None
     if datatype in ("string", "str"):
-        return text, missing
+        return texts, missing_mask
     if datatype == "bool":
-        true, false = np.char.lower(text) == "true", np.char.lower(text) == "false"
-        return true if (true | false | mask).all() else text, missing
-    filled_text = text if missing is None else np.where(mask, "0", text)
+        is_true, is_false = np.char.lower(texts) == "true", np.char.lower(texts) == "false"
+        return is_true if (is_true | is_false | mask).all() else texts, missing_mask
+    filled_text = texts if missing_mask is None else np.where(mask, "0", texts)
     if (np.char.find(filled_text, "_") >= 0).any():  # which Python leaves out of numbers: 1_2 is a name
-        return text, missing
+        return texts, missing_mask
     for dtype in (np.int64, float) if datatype is None or datatype in _INTEGERS else (float,):
         try:
-            return filled_text.astype(dtype), missing
+            return filled_text.astype(dtype), missing_mask
         except (ValueError, OverflowError):
             if dtype is np.int64 and all(value.lstrip("+-").isdigit() for value in filled_text):
                 break  # as text, they keep all their digits
-    return text, missing
+    return texts, missing_mask
 
 
 #: Names and flags, hours, minutes and seconds, sign, degrees, minutes and seconds, and the rest.
-_ROW = re.compile(
+_POSITION_ROW = re.compile(
     r"(?P<names>.*?)(?:^|\s)(?P<h>\d+)[ :]+(?P<m>\d+)[ :]+(?P<s>\d+(?:\.\d*)?)\s+"
     r"(?P<sign>[-+]?)\s*(?P<d>\d+)[ :]+(?P<dm>\d+)[ :]+(?P<ds>\d+(?:\.\d*)?)(?P<rest>.*)"
 )
 #: The lines of getpar: SOU_GCO:  0002+051  R: 00_05_20.21559171 -+  0.1234  D: +05_24_10.8001234 -+  0.1234  C: 0.12 …
-_GETPAR = re.compile(
+_GETPAR_ROW = re.compile(
     r"SOU_GCO:\s+(?P<names>\S+)\s+R:\s*(?P<h>\d+)_(?P<m>\d+)_(?P<s>[\d.]+)\s+-\+\s+(?P<e1>\S+)\s+"
     r"D:\s*(?P<sign>[-+]?)(?P<d>\d+)_(?P<dm>\d+)_(?P<ds>[\d.]+)\s+-\+(?P<rest>.*)"
 )
 _THREE_WORDS = re.compile(r"\s*\S+\s+\S+\s+\S+")
 _SIGNED = re.compile(r"[-+]?\d*\.?\d+")
-_COMMENT = ("#", "*", "!", "%", "$")
-_PLACE = re.compile(r"#\s*(\d+)\s*-\s*(\d+)\s+(redshift from|object primary type)")
+_COMMENT_MARKS = ("#", "*", "!", "%", "$")
+_COLUMN_PLACE = re.compile(r"#\s*(\d+)\s*-\s*(\d+)\s+(redshift from|object primary type)")
 _DESIGNATION = re.compile(r"J\d{4}\S*")
 _MAS_WORDS = ("VLBI SOURCE POSITION CATALOGUE", "Radio Fundamental Catalogue", "RFC J")
 #: No list in the layout of ICRF is as uncertain as this in the median: its errors are in mas. [arcsec]
-_LARGEST = 0.1
+_MOST_ARCSEC = 0.1
 #: A heading with (mas) is of the errors where they are at least so large. [mas]
-_LEAST = 0.005
+_LEAST_MAS = 0.005
 #: And none of compact radio sources as this. [mas]
-_MOST = 2000.0
+_MOST_MAS = 2000.0
 
 
 def open_vlbi(path: PathName, label: str) -> TableSource:
     """A list of positions as a table: names, D marks, degrees, and errors in mas, of right ascension times cos δ."""
     with open_lines(path, label) as reader:
         lines = list(reader)
-    numbered_lines = [(k, line.rstrip("\r\n")) for k, line in enumerate(lines, 1)]
+    numbered_lines = [(number, line.rstrip("\r\n")) for number, line in enumerate(lines, 1)]
     getpar = any(line.startswith("SOU_GCO:") for _, line in numbered_lines)
-    pattern = _GETPAR if getpar else _ROW
-    rows = [(k, line) for k, line in numbered_lines if line.strip() and not line.startswith(_COMMENT)]
+    pattern = _GETPAR_ROW if getpar else _POSITION_ROW
+    rows = [(number, line) for number, line in numbered_lines if line.strip() and not line.startswith(_COMMENT_MARKS)]
     start = next((i for i, (_, line) in enumerate(rows) if pattern.match(line) or _looks_like_source(line)), None)
     if start is None:
         raise TableError(f"{label} has no line with a position in hours and degrees: is it a list of VLBI positions?")
     # Above the first source is the heading; below it, every line that is not blank is a source.
-    rows = [(k, line) for k, line in rows[start:] if any(map(str.isalnum, line))]
+    rows = [(number, line) for number, line in rows[start:] if any(map(str.isalnum, line))]
     icrf = rows[0][1].startswith("ICRF J")
-    sources = [_parse_source(label, k, line, pattern, icrf) for k, line in rows]
+    sources = [_parse_source(label, number, line, pattern, icrf) for number, line in rows]
     heading = numbered_lines[: rows[0][0] - 1]
-    mas = getpar or any(phrase in line for _, line in numbered_lines for phrase in _MAS_WORDS)
-    described = _described_columns(heading, rows)
-    return _vlbi_table(label, rows, sources, mas, any("(mas)" in line for _, line in heading), described)
+    in_mas = getpar or any(phrase in line for _, line in numbered_lines for phrase in _MAS_WORDS)
+    described = _read_described_columns(heading, rows)
+    return _make_vlbi_table(label, rows, sources, in_mas, any("(mas)" in line for _, line in heading), described)
 
 
-def _described_columns(heading, rows):
-    """Redshifts and types of sources where the heading says in which characters they stand, as that of OCARS does."""
-    places: dict[str, list[slice]] = {"redshift from": [], "object primary type": []}
+def _read_described_columns(heading, rows):
+    """Read redshifts and types where the heading says in which characters they stand, as that of OCARS does."""
+    slices: dict[str, list[slice]] = {"redshift from": [], "object primary type": []}
     for _, line in heading:
-        if match := _PLACE.match(line):
-            places[match[3]].append(slice(int(match[1]) - 1, int(match[2])))
-    redshifts, (kind, *_) = places["redshift from"], [*places["object primary type"], None]
-    columns: dict[str, Any] = {} if kind is None else {"type": np.array([line[kind].strip() for _, line in rows])}
+        if match := _COLUMN_PLACE.match(line):
+            slices[match[3]].append(slice(int(match[1]) - 1, int(match[2])))
+    redshifts, (span, *_) = slices["redshift from"], [*slices["object primary type"], None]
+    columns: dict[str, Any] = {} if span is None else {"type": np.array([line[span].strip() for _, line in rows])}
     if redshifts:  # the first that is known, of NED, SIMBAD or SDSS; behind it c or d marks a limit
         known = ((line[place] for place in redshifts if _is_known(line, place)) for _, line in rows)
         columns["redshift"] = np.array([float(next(texts, "nan")) for texts in known])
@@ -596,17 +596,17 @@ def _looks_like_source(line):
     return line.startswith("ICRF J") or sum(_SIGNED.fullmatch(token) is not None for token in line.split()) > 6
 
 
-def _is_known(line, place):
-    """Return whether a number stands at a place of a line, and no mark of a limit behind it."""
-    return _SIGNED.fullmatch(line[place].strip()) and line[place.stop : place.stop + 1] not in ("c", "d")
+def _is_known(line, span):
+    """Return whether a number stands in a span of a line, and no mark of a limit behind it."""
+    return _SIGNED.fullmatch(line[span].strip()) and line[span.stop : span.stop + 1] not in ("c", "d")
 
 
-def _vlbi_table(label, rows, sources, mas, in_heading, described):
-    names, positions, texts, rests = zip(*sources, strict=True)
+def _make_vlbi_table(label, rows, sources, mas, in_heading, described_columns):
+    names, positions, remainder_texts, rests = zip(*sources, strict=True)
     if len(rests) > 2 and len(rests[-1]) < min(map(len, rests[:-1])):
-        number, line = rows[-1]
+        line_number, line = rows[-1]
         excerpt = printable(line.strip()[:80])
-        raise TableError(f"{label}, line {number} is damaged: the list ends within it: {excerpt!r}")
+        raise TableError(f"{label}, line {line_number} is damaged: the list ends within it: {excerpt!r}")
     lon, lat = np.array(positions).T
     columns = {
         "icrf": np.array([icrf for icrf, _, _ in names]),
@@ -614,24 +614,24 @@ def _vlbi_table(label, rows, sources, mas, in_heading, described):
         "defining": np.where([mark for *_, mark in names], "D", ""),
         "ra": lon,
         "dec": lat,
-        **described,
+        **described_columns,
     }
     units = {"ra": "deg", "dec": "deg"}
     notes: tuple[str, ...] = ()
     epochs = [
         len(remainder) > 0 and re.fullmatch(r"(19|20)\d\d(\.\d*)?", remainder[0]) is not None for remainder in rests
     ]
-    words, n_blank = _blank_errors(texts, rests)
+    error_words, n_blank = _fill_blank_errors(remainder_texts, rests)
     file = Path(label).name  # pages and files do not say where a catalogue lies
-    errors = None if all(epochs) or not any(rests) else _errors_of_all(label, rows, words)
+    errors = None if all(epochs) or not any(rests) else _parse_all_errors(label, rows, error_words)
     if errors is None:  # the catalogue of VieVS has an epoch there, JVAS nothing, AT20G fluxes
         notes = (f"{file} has no errors",)
     else:
         median = np.nanmedian(errors[:, 1])
-        in_mas = mas or median > (_LEAST if in_heading else _LARGEST)
+        in_mas = mas or median > (_LEAST_MAS if in_heading else _MOST_ARCSEC)
         unit_text = "mas" if in_mas else "seconds of time and arcsec"
         scale, per_east = (1.0, 1.0) if in_mas else (1000.0, 15.0)
-        if median * scale > _MOST:
+        if median * scale > _MOST_MAS:
             raise TableError(
                 f"{label}: errors of declination are {median * scale / 1000:.3g} arcsec in the median if in "
                 f"{'mas' if scale == 1.0 else 'arcsec'}: another unit? Make it a table with units (CSV, ECSV)"
@@ -639,9 +639,9 @@ def _vlbi_table(label, rows, sources, mas, in_heading, described):
         east = errors[:, 0] * scale * per_east * np.cos(np.radians(lat))
         columns |= {"ra_error": east, "dec_error": errors[:, 1] * scale, "ra_dec_corr": errors[:, 2]}
         units |= {"ra_error": "mas", "dec_error": "mas"}
-        told = f"warning: {file}: no unit of the errors is stated; their median of {median:.3g} is too large in arcsec"
+        doubt = f"warning: {file}: no unit of the errors is stated; their median of {median:.3g} is too large in arcsec"
         notes = (
-            *([CodedNote(told, DOUBT)] if in_mas and not (mas or in_heading) else []),
+            *([CodedNote(doubt, DOUBT)] if in_mas and not (mas or in_heading) else []),
             f"{file}: errors are read in {unit_text}; those of right ascension do not include cos δ and were "
             "multiplied by it",
             *([f"{n_blank} sources have errors and no correlation, which was taken as zero"] if n_blank else []),
@@ -649,70 +649,70 @@ def _vlbi_table(label, rows, sources, mas, in_heading, described):
     return replace(open_dict_or_array(columns), label=label, units=units, notes=notes)
 
 
-def _errors_of_all(label, rows, words):
-    """Errors and correlations of all sources, (n, 3); None where most lines have something else there."""
-    found, damaged = [], None
-    for (number, line), rest in zip(rows, words, strict=True):
+def _parse_all_errors(label, rows, error_words):
+    """Parse errors and correlations of all sources, (n, 3); None where most lines have something else there."""
+    errors, damaged = [], None
+    for (line_number, line), remainder in zip(rows, error_words, strict=True):
         try:
-            found.append(_errors(label, number, line, rest))
+            errors.append(_parse_errors(label, line_number, line, remainder))
         except TableError as error:
             damaged = damaged or error
-    if 2 * len(found) < len(rows) or np.isnan(found).all():
+    if 2 * len(errors) < len(rows) or np.isnan(errors).all():
         return None
     if damaged is not None:
         raise damaged
-    return np.array(found)
+    return np.array(errors)
 
 
-def _blank_errors(texts, rests):
-    """The words behind each position, with nan where errors are blank, and 0 where a correlation is; and how many."""
+def _fill_blank_errors(remainder_texts, rests):
+    """Fill the words behind each position with nan where errors are blank, 0 where correlations are; count those."""
     # Where the words of most rows end: one that is blank up to there has none, whatever stands behind.
-    ends = Counter(match.end() for match in map(_THREE_WORDS.match, texts) if match)
-    usual = max(ends, key=ends.__getitem__, default=0)
-    words, n_blank = [], 0
-    for text, remainder in zip(texts, rests, strict=True):
-        here = text[:usual].split()
-        if not here and text.strip():
+    ends = Counter(match.end() for match in map(_THREE_WORDS.match, remainder_texts) if match)
+    usual_end = max(ends, key=ends.__getitem__, default=0)
+    error_words, n_blank = [], 0
+    for text, remainder in zip(remainder_texts, rests, strict=True):
+        leading_words = text[:usual_end].split()
+        if not leading_words and text.strip():
             remainder = ["nan"] * 3
-        elif len(here) == 2 and not text[usual - 2 : usual].strip():
-            remainder, n_blank = [*here, "0"], n_blank + 1
-        words.append(remainder)
-    return words, n_blank
+        elif len(leading_words) == 2 and not text[usual_end - 2 : usual_end].strip():
+            remainder, n_blank = [*leading_words, "0"], n_blank + 1
+        error_words.append(remainder)
+    return error_words, n_blank
 
 
-def _parse_source(label, number, line, pattern, icrf):
-    """Names, the position [deg], and the words behind it."""
+def _parse_source(label, line_number, line, pattern, icrf):
+    """Parse names, the position [deg], and what is behind it, as text and as words."""
     excerpt = printable(line.strip()[:80])
     if icrf and not re.match(r"\s*(ICRF(\s|$)|-\s|\s)", line + " "):
-        raise TableError(f"{label}, line {number} is damaged: it does not begin with 'ICRF J': {excerpt!r}")
+        raise TableError(f"{label}, line {line_number} is damaged: it does not begin with 'ICRF J': {excerpt!r}")
     match = pattern.match(line)
     if match is None:
-        raise TableError(f"{label}, line {number} is damaged: {excerpt!r}")
+        raise TableError(f"{label}, line {line_number} is damaged: {excerpt!r}")
     hours, minutes, degrees, arcmin = (int(match[key]) for key in ("h", "m", "d", "dm"))
     seconds, arcsec = float(match["s"]), float(match["ds"])
     lon = 15 * (hours + minutes / 60 + seconds / 3600)
-    size = degrees + arcmin / 60 + arcsec / 3600
+    abs_lat = degrees + arcmin / 60 + arcsec / 3600
     in_range = hours < 24 and minutes < 60 and seconds < 60 and arcmin < 60 and arcsec < 60
-    if not (in_range and size <= 90):
-        raise TableError(f"{label}, line {number} has no position on the sky: {excerpt!r}")
+    if not (in_range and abs_lat <= 90):
+        raise TableError(f"{label}, line {line_number} has no position on the sky: {excerpt!r}")
     remainder = match["rest"].split()
-    if pattern is _GETPAR:
+    if pattern is _GETPAR_ROW:
         remainder = [match["e1"], *(token for token in remainder if token != "C:")]
-    return _parse_names(match["names"]), (lon, -size if match["sign"] == "-" else size), match["rest"], remainder
+    return _parse_names(match["names"]), (lon, -abs_lat if match["sign"] == "-" else abs_lat), match["rest"], remainder
 
 
 def _parse_names(text):
-    """Designation by J2000.0 coordinates, the other name, and whether the source is defining."""
+    """Parse the designation by J2000.0 coordinates, the other name, and whether the source is defining."""
     tokens = [token for token in text.split() if token not in ("ICRF", "RFC", "-")]
-    mark = "D" in tokens[1:]
+    is_defining = "D" in tokens[1:]
     tokens = [token for k, token in enumerate(tokens) if k == 0 or len(token) > 1]
     tokens = [token for k, token in enumerate(tokens) if len(token) > 1 or len(tokens) == 1]
     designation = next((token for token in tokens if _DESIGNATION.fullmatch(token)), "")
     aliases = [token for token in tokens if token != designation]
-    return designation, aliases[-1] if aliases else designation, mark
+    return designation, aliases[-1] if aliases else designation, is_defining
 
 
-def _errors(label, number, line, remainder):
+def _parse_errors(label, line_number, line, remainder):
     excerpt = printable(line.strip()[:80])
     # Where a list has a band or a mark in place of a correlation, there is none.
     tokens = [*remainder[:2], "0"] if re.fullmatch(r"[-*A-Z]", "".join(remainder[2:3])) else remainder[:3]
@@ -720,9 +720,9 @@ def _errors(label, number, line, remainder):
         errors = [float(token) for token in tokens]
         east, north, rho = errors
     except ValueError:
-        raise TableError(f"{label}, line {number} is damaged: {excerpt!r}") from None
+        raise TableError(f"{label}, line {line_number} is damaged: {excerpt!r}") from None
     if east == 0 or north == 0:  # rounded away: nobody knows how large it is
         return [np.nan] * 3
     if not np.isnan(errors).all() and not (np.isfinite(errors).all() and east > 0 and north > 0 and abs(rho) < 1):
-        raise TableError(f"{label}, line {number} has no usable errors: {excerpt!r}")
+        raise TableError(f"{label}, line {line_number} has no usable errors: {excerpt!r}")
     return errors

@@ -5,17 +5,17 @@ import warnings
 
 import numpy as np
 
-from vsh.io.tables._source import TableSource, as_table_error, unpacked_file
+from vsh.io.tables._source import TableSource, as_table_error, unpack_file
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
-_SIZE = re.compile(rb"""\b(arraysize|nrows|width)\s*=\s*["']\s*([0-9][0-9x]*)""")
+_SIZE_ATTRIBUTE = re.compile(rb"""\b(arraysize|nrows|width)\s*=\s*["']\s*([0-9][0-9x]*)""")
 #: Encodings in which a byte of ASCII is itself, so that what is looked for in a file is what its parser sees.
-_PLAIN = ("utf-8", "utf8", "us-ascii", "ascii", "iso-8859-1", "latin-1", "latin1")
-_DECLARED = re.compile(rb"""\s*<\?xml\b[^>]*\bencoding\s*=\s*["']([^"']*)["']""")
+_ASCII_ENCODINGS = ("utf-8", "utf8", "us-ascii", "ascii", "iso-8859-1", "latin-1", "latin1")
+_ENCODING_DECLARATION = re.compile(rb"""\s*<\?xml\b[^>]*\bencoding\s*=\s*["']([^"']*)["']""")
 #: Warnings of astropy's parser by which a value was changed or lost.
-_LOSSES = re.compile(r"\b(E\d\d|W46|W51|W53)\b")
+_LOSS_WARNINGS = re.compile(r"\b(E\d\d|W46|W51|W53)\b")
 
 
 def open_truncated_votable(path: PathName, label: str) -> TableSource:
@@ -27,18 +27,18 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
     """The first table of a VOTable; one that was cut off by the archive where `overflow` accepts it."""
     from astropy.io import votable
 
-    plain = unpacked_file(path, label)
+    plain = unpack_file(path, label)
     _check_declarations(plain.name, label)
     unreadable = as_table_error(f"{label} cannot be read as VOTable", ". It may be truncated: fetch it again")
     with warnings.catch_warnings(record=True) as warning_records, unreadable:
         warnings.simplefilter("always")
         document = votable.parse(plain.name, verify="warn", invalid="mask")
         tables = list(document.iter_tables())
-        state = [info for resource in document.resources for info in _infos(resource) if info.name == "QUERY_STATUS"]
+        infos = [info for resource in document.resources for info in _infos(resource) if info.name == "QUERY_STATUS"]
     for warning in warning_records:
-        if _LOSSES.search(str(warning.message)) or "truncated" in str(warning.message):
+        if _LOSS_WARNINGS.search(str(warning.message)) or "truncated" in str(warning.message):
             raise TableError(f"{label} is damaged: {first_line(warning.message)}. Fetch it again")
-    for info in state:
+    for info in infos:
         if str(info.value).upper() == "OVERFLOW" and not overflow:
             raise TableError(
                 f"{label} is a part of its query's result: the archive cut it off (QUERY_STATUS OVERFLOW). Ask again "
@@ -49,24 +49,24 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
     if not tables:
         raise TableError(f"{label} holds no table")
     table = tables[0]
-    names = _names_of(table)
+    names = _find_column_names(table)
     columns = dict(zip(names, table.fields, strict=True))
-    alike = [other for other in tables if _names_of(other) == names]
+    alike = [other for other in tables if _find_column_names(other) == names]
     units = {name: str(column.unit) for name, column in columns.items() if column.unit is not None}
     notes: tuple[str, ...] = ()
     if len(tables) > 1:
         others = "; the first was" if len(alike) == 1 else f"; {len(alike)} with the columns of the first were"
         notes = (f"{label} holds {len(tables)} tables{others} read",)
-    if overflow and any(str(info.value).upper() == "OVERFLOW" for info in state):
+    if overflow and any(str(info.value).upper() == "OVERFLOW" for info in infos):
         notes += (f"warning: {label} has a part of the rows of its query (QUERY_STATUS OVERFLOW)",)
 
     def read(request, rows):
-        for one in alike:
-            _check_units(one, units, label)
-            fields = dict(zip(names, one.fields, strict=True))
-            for start in range(0, max(1, len(one.array)), rows):
-                chunk = one.array[start : start + rows]
-                yield {name: _column(chunk[fields[name].ID]) for name in request}
+        for part in alike:
+            _check_units(part, units, label)
+            fields = dict(zip(names, part.fields, strict=True))
+            for start in range(0, max(1, len(part.array)), rows):
+                chunk = part.array[start : start + rows]
+                yield {name: _convert_column(chunk[fields[name].ID]) for name in request}
 
     meta = {str(param.name): param.value for param in table.params}
     meta |= {str(info.name): info.value for info in table.infos}
@@ -79,47 +79,47 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
         meta,
         notes,
         descriptions=descriptions,
-        systems=_coordinate_systems(document, columns),
+        systems=_find_coordinate_systems(document, columns),
     )
 
 
-def _coordinate_systems(document, columns):
-    """The coordinate system of each column: that of its COOSYS, the only one there is, or by its UCD."""
-    declared = {one.ID: (str(one.system), one.equinox) for one in document.iter_coosys()}
-    alone = next(iter(declared.values())) if len(declared) == 1 else None
+def _find_coordinate_systems(document, columns):
+    """Find the coordinate system of each column: that of its COOSYS, the only one there is, or by its UCD."""
+    declared = {coosys.ID: (str(coosys.system), coosys.equinox) for coosys in document.iter_coosys()}
+    only = next(iter(declared.values())) if len(declared) == 1 else None
     systems = {}
     for name, column in columns.items():
         ucd = str(column.ucd or "").lower()
         by_ucd = next((system for system in ("galactic", "ecliptic") if f"pos.{system}." in ucd), None)
-        stated = declared.get(column.ref, (by_ucd, None) if by_ucd else alone if "pos.eq" in ucd or not ucd else None)
+        stated = declared.get(column.ref, (by_ucd, None) if by_ucd else only if "pos.eq" in ucd or not ucd else None)
         if stated and stated[0] != "None":
             systems[name] = stated
     return systems
 
 
-def _names_of(table):
-    """Names of the columns; their IDs where two have one name."""
+def _find_column_names(table):
+    """Find the names of the columns; their IDs where two have one name."""
     names = [column.name for column in table.fields]
     return names if len(set(names)) == len(names) else [column.ID for column in table.fields]
 
 
 def _check_units(table, units, label):
     """Raise TableError where a table of several has another unit than the first."""
-    for name, column in zip(_names_of(table), table.fields, strict=True):
-        first, unit = units.get(name, "no unit"), "no unit" if column.unit is None else str(column.unit)
-        if unit != first:
-            raise TableError(f"{label} holds tables with {name} in {first} and in {unit}")
+    for name, column in zip(_find_column_names(table), table.fields, strict=True):
+        first_unit, unit = units.get(name, "no unit"), "no unit" if column.unit is None else str(column.unit)
+        if unit != first_unit:
+            raise TableError(f"{label} holds tables with {name} in {first_unit} and in {unit}")
 
 
 def _infos(resource):
     yield from resource.infos
     for table in resource.tables:
         yield from table.infos
-    for inner in resource.resources:
-        yield from _infos(inner)
+    for subresource in resource.resources:
+        yield from _infos(subresource)
 
 
-def _column(column):
+def _convert_column(column):
     values, mask = np.ma.getdata(column), np.ma.getmaskarray(column)
     if mask.ndim > 1:
         if values.dtype.kind == "f":  # a row may lack some of its numbers
@@ -131,41 +131,41 @@ def _column(column):
 
 
 def _check_declarations(path, label):
-    """No fixed size in the header may exceed the file, and nothing may be read from elsewhere."""
+    """Raise TableError where a fixed size exceeds the file, or something would be read from elsewhere."""
     with open(path, "rb") as file:
         size = file.seek(0, 2)
         file.seek(0)
-        carry, streams = b"", False
+        carry, has_streams = b"", False
         while chunk := file.read(2**20):
             if not carry:
                 _check_encoding(chunk, label)
-            text = carry + chunk
-            if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
+            content = carry + chunk
+            if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
                 raise TableError(
                     f"{label} has a document type declaration, which a VOTable needs not and which may name other "
                     "files: take it out"
                 )
-            streams = streams or b"STREAM" in text
-            for attribute, number in _SIZE.findall(text):
+            has_streams = has_streams or b"STREAM" in content
+            for attribute, shape in _SIZE_ATTRIBUTE.findall(content):
                 product = 1
-                for factor in number.split(b"x"):
+                for factor in shape.split(b"x"):
                     product *= int(factor[:20] or 1)
                 if product > max(size, 1024):
                     raise TableError(
-                        f"{label} is damaged: {attribute.decode()} = {number.decode()[:30]} in a file of {size} bytes"
+                        f"{label} is damaged: {attribute.decode()} = {shape.decode()[:30]} in a file of {size} bytes"
                     )
             carry = chunk[-512:]
-    if streams:
+    if has_streams:
         _check_streams(path, label)
 
 
-def _check_encoding(begin, label):
+def _check_encoding(first_bytes, label):
     """Raise TableError where the file is in an encoding whose bytes are not those of ASCII."""
-    declaration = _DECLARED.match(begin.removeprefix(b"\xef\xbb\xbf"))
+    declaration = _ENCODING_DECLARATION.match(first_bytes.removeprefix(b"\xef\xbb\xbf"))
     name = declaration[1].decode("ascii", "replace").strip().lower() if declaration else "utf-8"
-    if b"\x00" in begin[:64]:
+    if b"\x00" in first_bytes[:64]:
         name = "UTF-16 or UTF-32"
-    if name not in _PLAIN:
+    if name not in _ASCII_ENCODINGS:
         raise TableError(f"{label} is in the encoding {printable(name)}: VOTables are read in UTF-8, save it so")
 
 

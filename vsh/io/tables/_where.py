@@ -20,9 +20,9 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     name: getattr(np, name)
     for name in ("abs", "sqrt", "exp", "log", "log10", "hypot", "sin", "cos", "tan", "radians", "degrees", "floor")
 }
-_NUMBERS = {ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Mod: np.mod,
+_ARITHMETIC = {ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Mod: np.mod,
             ast.FloorDiv: np.floor_divide}  # fmt: skip
-_ORDER = {
+_COMPARISONS = {
     ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
     ast.Eq: operator.eq, ast.NotEq: operator.ne,
 }  # fmt: skip
@@ -35,12 +35,12 @@ MAX_LIST = 2**28
 #: From here on a float does not hold every integer.
 _EXACT = 2**53
 #: What is calculated of integers as integers.
-_OF_INTEGERS = (np.mod, np.floor_divide, np.negative, np.positive, np.abs)
+_INTEGER_FUNCTIONS = (np.mod, np.floor_divide, np.negative, np.positive, np.abs)
 
 
 def _calculate(function, operands, missing):
-    """Numbers of a row, exact for remainders and whole quotients of integers, and where they are undefined."""
-    if function in _OF_INTEGERS and all(operand.dtype.kind in "iu" for operand in operands):
+    """Calculate numbers of rows, exact for remainders and whole quotients of integers, and where they are undefined."""
+    if function in _INTEGER_FUNCTIONS and all(operand.dtype.kind in "iu" for operand in operands):
         if any(operand.dtype == np.uint64 for operand in operands) and all((x >= 0).all() for x in operands):
             operands = [operand.astype(np.uint64) for operand in operands]
         if len(operands) == 1:
@@ -55,8 +55,8 @@ def _calculate(function, operands, missing):
                     "--where: a number has more than 53 bits, of which this calculation would lose some: of such "
                     "integers there are exact comparisons, remainders (%) and whole quotients (//) by integers"
                 )
-    value = function(*(np.asarray(operand, float) for operand in operands))
-    return value, np.isnan(value)
+    numbers = function(*(np.asarray(operand, float) for operand in operands))
+    return numbers, np.isnan(numbers)
 
 
 class Where(InNotebook):
@@ -74,7 +74,7 @@ class Where(InNotebook):
                 "two conditions are (a > 1) & (b < 2)"
             ) from None
         _check_size(self._tree)
-        self.names = tuple(dict.fromkeys(self._column_names(self._tree)))
+        self.names = tuple(dict.fromkeys(self._check_and_list_columns(self._tree)))
 
     @property
     def shown(self) -> str:
@@ -92,26 +92,26 @@ class Where(InNotebook):
                 f"--where: {label} has no column {printable(name)!r}{hint}. Conditions take the table's own names"
             )
 
-    def numbers(self, block: Mapping[str, Any]) -> FloatArray:
-        """Numbers that are calculated of the columns; nan where one is missing."""
+    def calculate(self, block: Mapping[str, Any]) -> FloatArray:
+        """Calculate numbers of the columns; nan where one is missing."""
         with np.errstate(all="ignore"):
-            value, missing = self._of(self._tree, block)
+            value, missing = self._evaluate(self._tree, block)
         if np.asarray(value).dtype.kind not in "iuf":
             raise TableError(f"{self.shown!r} is a condition or a text, not a number")
         return np.where(missing, np.nan, np.asarray(value, float))
 
-    def rows(self, block: Mapping[str, Any]) -> tuple[BoolArray, BoolArray]:
-        """Mask of the selected rows, and of rows with missing values, which are not selected."""
+    def select_rows(self, block: Mapping[str, Any]) -> tuple[BoolArray, BoolArray]:
+        """Select rows: the mask of the selected ones, and of rows with missing values, which are not selected."""
         n = len(next(iter(block.values()))[0])
         with np.errstate(all="ignore"):
-            value, missing = self._of(self._tree, block)
+            value, missing = self._evaluate(self._tree, block)
         if np.asarray(value).dtype != bool:
             raise TableError(f"--where {self.shown!r} is a number or a text, not a condition: compare it, < 19 say")
         value, missing = np.broadcast_to(value, n), np.broadcast_to(missing, n)
         return value & ~missing, missing.copy()
 
-    def _column_names(self, node) -> Iterator[str]:
-        """The columns, in order; and that there is nothing that is not allowed."""
+    def _check_and_list_columns(self, node) -> Iterator[str]:
+        """List the columns, in order; raise TableError where there is something that is not allowed."""
         inner: list[ast.expr] = []
         match node:
             case ast.Constant(value=bool() | int() | float() | str()):
@@ -126,68 +126,68 @@ class Where(InNotebook):
                     raise TableError(f"--where: {name}() takes {2 if name == 'hypot' else 1} argument")
             case ast.UnaryOp(op=ast.USub() | ast.UAdd() | ast.Not() | ast.Invert(), operand=operand):
                 inner = [operand]
-            case ast.BinOp(left=left, op=op, right=right) if type(op) in (*_NUMBERS, ast.Pow, ast.BitAnd, ast.BitOr):
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in (*_ARITHMETIC, ast.Pow, ast.BitAnd, ast.BitOr):
                 if isinstance(op, ast.Pow) and not _is_small_power(right):
                     raise TableError(f"--where: a power is a number between −{MAX_POWER:g} and {MAX_POWER:g}")
                 inner = [left, right]
             case ast.BoolOp(values=inner):
                 pass
-            case ast.Compare(left=left, ops=ops, comparators=others):
+            case ast.Compare(left=left, ops=ops, comparators=comparators):
                 inner = [left]
-                for sign, value in zip(ops, others, strict=True):
-                    if isinstance(sign, ast.In | ast.NotIn):
-                        if _listed_file(value) is not None:
-                            names_in(_listed_file(value))  # what is wrong with it is said before anything is read
+                for comparison, value in zip(ops, comparators, strict=True):
+                    if isinstance(comparison, ast.In | ast.NotIn):
+                        if _find_list_file(value) is not None:
+                            read_names(_find_list_file(value))  # what is wrong with it is said before anything is read
                             continue
                         if not isinstance(value, ast.Tuple | ast.List) or not value.elts:
                             raise TableError("--where: what stands behind `in` is a list: in (1, 2)")
                         inner += value.elts
-                    elif type(sign) in _ORDER:
+                    elif type(comparison) in _COMPARISONS:
                         inner.append(value)
                     else:
-                        raise _refusal_of_node(node)
+                        raise _make_refusal(node)
             case _:
-                raise _refusal_of_node(node)
+                raise _make_refusal(node)
         for value in inner:
-            yield from self._column_names(value)
+            yield from self._check_and_list_columns(value)
 
-    def _of(self, node, block):
-        """Values, and which of them are not known."""
+    def _evaluate(self, node, block):
+        """Evaluate a node: its values, and the mask of those that are not known."""
         match node:
             case ast.Constant(value=value):
                 return value, np.False_
             case ast.Name(id=name) | ast.Call(func=ast.Name(id="column"), args=[ast.Constant(value=name)]):
-                return _column(*block[name])
+                return _convert_column(*block[name])
             case ast.Call(func=ast.Name(id="ismissing"), args=[inner]):
-                _, missing = self._of(inner, block)
+                _, missing = self._evaluate(inner, block)
                 return np.asarray(missing), np.False_
             case ast.Call(func=ast.Name(id=name), args=args):
-                return self._numbers(FUNCTIONS[name], args, block)
+                return self._apply(FUNCTIONS[name], args, block)
             case ast.UnaryOp(op=ast.Not() | ast.Invert(), operand=inner):
                 value, missing = self._evaluate_condition(inner, block)
                 return ~value, missing
             case ast.UnaryOp(op=op, operand=inner):
-                return self._numbers(np.negative if isinstance(op, ast.USub) else np.positive, [inner], block)
+                return self._apply(np.negative if isinstance(op, ast.USub) else np.positive, [inner], block)
             case ast.BinOp(left=left, op=ast.BitAnd() | ast.BitOr() as op, right=right):
                 return self._join_conditions(isinstance(op, ast.BitAnd), [left, right], block)
             case ast.BinOp(left=left, op=op, right=right):
-                return self._numbers(np.power if isinstance(op, ast.Pow) else _NUMBERS[type(op)], [left, right], block)
+                return self._apply(np.power if isinstance(op, ast.Pow) else _ARITHMETIC[type(op)], [left, right], block)
             case ast.BoolOp(op=op, values=values):
                 return self._join_conditions(isinstance(op, ast.And), values, block)
             case ast.Compare():
                 return self._evaluate_comparison(node, block)
 
-    def _numbers(self, function, nodes, block):
-        conditions = [self._of(node, block) for node in nodes]
-        for node, (value, _) in zip(nodes, conditions, strict=True):
+    def _apply(self, function, nodes, block):
+        operands = [self._evaluate(node, block) for node in nodes]
+        for node, (value, _) in zip(nodes, operands, strict=True):
             if np.asarray(value).dtype.kind not in "iufb":
                 raise TableError(f"--where: {printable(ast.unparse(node))} is text, not a number")
-        missing = np.logical_or.reduce(np.broadcast_arrays(*(lost for _, lost in conditions)))
-        value, undefined = _calculate(function, [np.asarray(operand) for operand, _ in conditions], missing)
+        missing = np.logical_or.reduce(np.broadcast_arrays(*(is_missing for _, is_missing in operands)))
+        value, undefined = _calculate(function, [np.asarray(value) for value, _ in operands], missing)
         return value, undefined | missing
 
     def _evaluate_condition(self, node, block):
-        value, missing = self._of(node, block)
+        value, missing = self._evaluate(node, block)
         if np.asarray(value).dtype != bool:
             raise TableError(
                 f"--where: {printable(ast.unparse(node))} is no condition; & and | bind closer than <: put parentheses,"
@@ -199,47 +199,47 @@ class Where(InNotebook):
         """Kleene's logic: what is false whatever the missing value is, is false."""
         conditions = [self._evaluate_condition(node, block) for node in nodes]
         value, missing = conditions[0]
-        for operand, lost in conditions[1:]:
-            decisive = [((a if not is_and else ~a) & ~b) for a, b in ((value, missing), (operand, lost))]
-            missing = (missing | lost) & ~(decisive[0] | decisive[1])
+        for operand, is_unknown in conditions[1:]:
+            decisive = [((a if not is_and else ~a) & ~b) for a, b in ((value, missing), (operand, is_unknown))]
+            missing = (missing | is_unknown) & ~(decisive[0] | decisive[1])
             value = value & operand if is_and else value | operand
         return value, missing
 
     def _evaluate_comparison(self, node, block):
         value, missing = np.True_, np.False_
-        left = self._of(node.left, block)
+        left = self._evaluate(node.left, block)
         for op, comparator in zip(node.ops, node.comparators, strict=True):
             if isinstance(op, ast.In | ast.NotIn):
-                right, (is_true, lost) = left, self._evaluate_membership(left, comparator, node, block)
+                right, (is_true, is_missing) = left, self._evaluate_membership(left, comparator, node, block)
                 is_true = ~is_true if isinstance(op, ast.NotIn) else is_true
             else:
-                right = self._of(comparator, block)
-                is_true, lost = _compare_operands(op, left, right, node), left[1] | right[1]
-            value, missing, left = value & is_true, missing | lost, right
+                right = self._evaluate(comparator, block)
+                is_true, is_missing = _compare_operands(op, left, right, node), left[1] | right[1]
+            value, missing, left = value & is_true, missing | is_missing, right
         return np.asarray(value, bool), missing
 
     def _evaluate_membership(self, left, members, node, block):
-        """Return whether each value is one of a list, or of the names in a file; and where that is not known."""
-        path = _listed_file(members)
+        """Find whether each value is one of a list, or of the names in a file; and where that is not known."""
+        path = _find_list_file(members)
         if path is not None:
-            return np.isin(left[0], _names_as_values(left[0], names_in(path), path)), left[1]
+            return np.isin(left[0], _convert_names(left[0], read_names(path), path)), left[1]
         constants = [member.value for member in members.elts if isinstance(member, ast.Constant)]
         text_flags = {isinstance(value, str) for value in constants}
-        text = np.asarray(left[0]).dtype.kind in "US"
-        if len(constants) == len(members.elts) and text_flags == {text}:
+        is_text = np.asarray(left[0]).dtype.kind in "US"
+        if len(constants) == len(members.elts) and text_flags == {is_text}:
             return np.isin(left[0], np.array(constants)), left[1]
-        operands = [self._of(member, block) for member in members.elts]
-        among = [_compare_operands(ast.Eq(), left, operand, node) & ~operand[1] for operand in operands]
-        is_true = np.logical_or.reduce(np.broadcast_arrays(*among))
-        unknown = np.logical_or.reduce(np.broadcast_arrays(*(lost for _, lost in operands), is_true)) & ~is_true
+        operands = [self._evaluate(member, block) for member in members.elts]
+        is_equal = [_compare_operands(ast.Eq(), left, operand, node) & ~operand[1] for operand in operands]
+        is_true = np.logical_or.reduce(np.broadcast_arrays(*is_equal))
+        unknown = np.logical_or.reduce(np.broadcast_arrays(*(missing for _, missing in operands), is_true)) & ~is_true
         return is_true, left[1] | unknown
 
 
 def _check_size(tree):
     """Raise TableError where a condition is too large or too deep for the functions that walk through it."""
-    n_nodes, wait = 0, [(tree, 1)]
-    while wait:
-        node, depth = wait.pop()
+    n_nodes, todo = 0, [(tree, 1)]
+    while todo:
+        node, depth = todo.pop()
         n_nodes += 1
         if depth > MAX_DEPTH or n_nodes > MAX_PARTS:
             raise TableError(
@@ -247,30 +247,30 @@ def _check_size(tree):
                 "of names goes into a file: name in file('list.txt')"
             )
         inner = ast.iter_child_nodes(node)
-        wait += [(child, depth + 1) for child in inner if not isinstance(child, ast.Constant | ast.Load | ast.operator)]
+        todo += [(child, depth + 1) for child in inner if not isinstance(child, ast.Constant | ast.Load | ast.operator)]
 
 
-def _listed_file(node):
-    """The path in file('list.txt'); None of anything else."""
+def _find_list_file(node):
+    """Find the path in file('list.txt'); None of anything else."""
     match node:
         case ast.Call(func=ast.Name(id="file"), args=[ast.Constant(value=str() as path)], keywords=[]):
             return path
     return None
 
 
-def names_in(path: str) -> tuple[str, ...]:
-    """The names in a file, one a line; what stands behind a # is no name."""
+def read_names(path: str) -> tuple[str, ...]:
+    """Read the names in a file, one a line; what stands behind a # is no name."""
     try:
         stat = os.stat(path)
         if not os.path.isfile(path) or stat.st_size > MAX_LIST:
             raise TableError(f"--where: {printable(path)} is no list of names, one a line")
-        return _names_in(os.path.abspath(path), stat.st_mtime_ns, stat.st_size)
+        return _read_names(os.path.abspath(path), stat.st_mtime_ns, stat.st_size)
     except OSError as error:
         raise TableError(f"--where: {printable(path)} cannot be read: {error.strerror}") from None
 
 
 @lru_cache(8)
-def _names_in(path, *_):
+def _read_names(path, *_):
     try:
         with open(path, encoding="utf-8-sig") as file:
             names = tuple(name for line in file if (name := line.partition("#")[0].strip().strip("\"'")))
@@ -281,8 +281,8 @@ def _names_in(path, *_):
     return names
 
 
-def _names_as_values(values, names, path):
-    """The names of a list as what the column holds, numbers or text."""
+def _convert_names(values, names, path):
+    """Convert the names of a list to what the column holds, numbers or text."""
     type_code = np.asarray(values).dtype.kind
     if type_code in "US":
         return np.array(names)
@@ -295,30 +295,30 @@ def _names_as_values(values, names, path):
 def _compare_operands(op, left, right, node):
     operand_types = {"text" if np.asarray(operand).dtype.kind in "USO" else "number" for operand, _ in (left, right)}
     if len(operand_types) > 1:
-        text = next(np.ravel(operand)[:1] for operand, _ in (left, right) if np.asarray(operand).dtype.kind in "USO")
-        example = f": {printable(text[0])} is a text" if text.size else ""
+        word = next(np.ravel(operand)[:1] for operand, _ in (left, right) if np.asarray(operand).dtype.kind in "USO")
+        example = f": {printable(word[0])} is a text" if word.size else ""
         raise TableError(f"--where: {printable(ast.unparse(node))} compares a text with a number{example}")
-    one, other = (_as_integer(a, b) for a, b in ((left[0], right[0]), (right[0], left[0])))
-    return np.asarray(_ORDER[type(op)](one, other), bool)
+    one, other = (_convert_to_integer(a, b) for a, b in ((left[0], right[0]), (right[0], left[0])))
+    return np.asarray(_COMPARISONS[type(op)](one, other), bool)
 
 
-def _as_integer(value, other):
-    """A whole number that is compared with integers as one of them: 3e18 has no digit too few."""
+def _convert_to_integer(value, other):
+    """Convert a whole number that is compared with integers to one of them: 3e18 has no digit too few."""
     is_whole = isinstance(value, float) and value.is_integer() and abs(value) < 2**62
     return int(value) if is_whole and np.asarray(other).dtype.kind in "iu" else value
 
 
-def _column(values, mask):
+def _convert_column(values, mask):
     values = np.asarray(values)
-    missing = np.zeros(len(values), bool) if mask is None else np.array(mask, bool)
+    is_missing = np.zeros(len(values), bool) if mask is None else np.array(mask, bool)
     if values.dtype.kind == "f":
-        missing = missing | np.isnan(values)
+        is_missing = is_missing | np.isnan(values)
     elif values.dtype.kind == "O":
-        missing = missing | np.array([value is None or value != value for value in values])
-        values = np.array(["" if lost else str(entry) for entry, lost in zip(values, missing, strict=True)])
+        is_missing = is_missing | np.array([value is None or value != value for value in values])
+        values = np.array(["" if missing else str(entry) for entry, missing in zip(values, is_missing, strict=True)])
     elif values.dtype.kind == "S":
         values = np.char.decode(values, "utf-8", "replace")
-    return values, missing
+    return values, is_missing
 
 
 def _is_small_power(node):
@@ -326,7 +326,7 @@ def _is_small_power(node):
     return isinstance(node, ast.Constant) and isinstance(node.value, int | float) and abs(node.value) <= MAX_POWER
 
 
-def _refusal_of_node(node):
+def _make_refusal(node):
     return TableError(
         f"--where: {printable(ast.unparse(node))[:80]} is not allowed; there are columns, numbers, text, comparisons, "
         f"and, or, not, in, column(), ismissing(), file(), {', '.join(f'{name}()' for name in FUNCTIONS)}"

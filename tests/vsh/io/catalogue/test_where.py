@@ -61,7 +61,7 @@ G, Z, GAP = np.array(TABLE["g"]), np.array(TABLE["z"].filled(-1)), np.array(TABL
 ])  # fmt: skip
 def test_conditions_select_rows(text, expected):
     where = Where(text)
-    selected, unknown = where.rows(
+    selected, unknown = where.select_rows(
         {name: (np.ma.getdata(TABLE[name]), np.ma.getmaskarray(TABLE[name])) for name in where.names}
     )
     np.testing.assert_array_equal(selected, expected)
@@ -71,7 +71,7 @@ def test_conditions_select_rows(text, expected):
 def test_nan_and_none_are_missing():
     where = Where("not x < 1 or not t == 'a'")
     block = {"x": (np.array([np.nan, 2.0, np.nan]), None), "t": (np.array(["a", None, None], object), None)}
-    selected, unknown = where.rows(block)
+    selected, unknown = where.select_rows(block)
     assert selected.tolist() == [False, True, False]
     assert unknown.tolist() == [True, False, True]
 

@@ -181,7 +181,7 @@ def test_sums_over_parts_add(folder):
 
 def test_tree_is_the_same_however_it_is_grown():
     """Dask's levels and the one that grows leaf by leaf add up the same pairs: the same rounding."""
-    from vsh.io.parts._engines import BRANCHES, total_of
+    from vsh.io.parts._engines import BRANCHES, sum_terms
 
     for n in (1, 7, 8, 9, 63, 64, 65, 511, 600):
         leaves = np.random.default_rng(n).normal(size=n) * 10.0 ** np.random.default_rng(n).uniform(-8, 8, n)
@@ -189,7 +189,7 @@ def test_tree_is_the_same_however_it_is_grown():
         for leaf in leaves:
             tree.add(leaf)
         while len(level) > 1:
-            level = [total_of(level[i : i + BRANCHES]) for i in range(0, len(level), BRANCHES)]
+            level = [sum_terms(level[i : i + BRANCHES]) for i in range(0, len(level), BRANCHES)]
         assert tree.total() == level[0]
 
 

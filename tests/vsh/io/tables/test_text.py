@@ -61,7 +61,7 @@ def test_both_ways_read_the_same(text, rows, tmp_path, monkeypatch):
     path = tmp_path / ("t.ecsv" if text.startswith("# %ECSV") else "t.csv")
     path.write_bytes(text.encode())
     fast = read(path, rows)
-    monkeypatch.setattr(_text, "csv_blocks", line_by_line)
+    monkeypatch.setattr(_text, "read_csv_blocks", line_by_line)
     slow = read(path, rows)
     for name in slow[0]:
         one, two = (np.concatenate([np.asarray(block[name][0]) for block in blocks]) for blocks in (fast, slow))
@@ -99,7 +99,7 @@ def test_packed_tables_go_the_same_way(tmp_path, monkeypatch):
     path = tmp_path / "t.csv.gz"
     path.write_bytes(gzip.compress(TABLES["missing"].encode()))
     seen = []
-    fast = _text.csv_blocks
-    monkeypatch.setattr(_text, "csv_blocks", lambda *given: seen.append(1) or fast(*given))
+    fast = _text.read_csv_blocks
+    monkeypatch.setattr(_text, "read_csv_blocks", lambda *given: seen.append(1) or fast(*given))
     assert read(path)[0]["a"][0].tolist() == [1, 0, 3]
     assert seen
