@@ -37,7 +37,7 @@ from vsh.vector import Vector
 
 _AXES = "xyz"
 #: Sources in a block: what fits into a processor's own memory.
-_ROWS = 8192
+_BLOCK_SIZE = 8192
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -125,14 +125,14 @@ def solve_frame(
             raise FieldError(f"the frame solver takes Fields, or parts of them, not a {type(field).__name__}")
     groups = [("omega", "a")] if offsets is None else [("epsilon",), ("omega", "a")]
     names = tuple(f"{name}_{axis}" for group in groups for name in group for axis in _AXES)
-    work = partial(_triangle, column=len(names) - 6, size=len(names))
+    triangulate = partial(_triangulate, column=len(names) - 6, size=len(names))
     if covariance is None:
-        triangle = as_parts(motions).sum(work, roles=(), words="frame solver")
+        triangle = as_parts(motions).sum(triangulate, roles=(), words="frame solver")
     else:
-        triangle = work(motions, covariance=as_covariance(covariance, motions))
+        triangle = triangulate(motions, covariance=as_covariance(covariance, motions))
     if offsets is not None:
         offset_triangle = as_parts(offsets).sum(
-            partial(_triangle, column=0, size=len(names)), roles=(), words="frame solver"
+            partial(_triangulate, column=0, size=len(names)), roles=(), words="frame solver"
         )
         if offset_triangle.frame != triangle.frame:
             raise FrameError(
@@ -161,22 +161,22 @@ class _Triangle:
         return replace(self, notes=merge_notes((*self.notes, *notes)))
 
 
-def _triangle(field, column, size, covariance=None):
+def _triangulate(field, column, size, covariance=None):
     """The triangle of motions, or of offsets in the first three columns of nine."""
-    motions = column + 6 == size
+    is_motions = column + 6 == size
     if covariance is not None:
         rows = np.zeros((size + 1, 2 * len(field)))
-        plain = field.with_errors(np.ones((2, len(field))), np.zeros(len(field)))
-        _fill_whitened_rows(plain, rows.reshape(size + 1, 2, len(field))[column:], motions)
+        unit_field = field.with_errors(np.ones((2, len(field))), np.zeros(len(field)))
+        _fill_whitened_rows(unit_field, rows.reshape(size + 1, 2, len(field))[column:], is_motions)
         return _Triangle(qr(np.asfortranarray(covariance.whiten(rows).T)), 2 * len(field), field.frame, field.notes)
 
-    def block(selection):
+    def triangulate_block(selection):
         subset = field[selection]
         rows = np.zeros((size + 1, 2, len(subset)))
-        _fill_whitened_rows(subset, rows[column:], motions)
+        _fill_whitened_rows(subset, rows[column:], is_motions)
         return _Triangle(qr(rows.reshape(size + 1, -1).T), 2 * len(subset), field.frame, field.notes)
 
-    return reduce(add_sums, map_blocks(block, len(field), _ROWS))
+    return reduce(add_sums, map_blocks(triangulate_block, len(field), _BLOCK_SIZE))
 
 
 def qr(rows: FloatArray) -> FloatArray:
@@ -185,14 +185,14 @@ def qr(rows: FloatArray) -> FloatArray:
     return np.triu(factor[: rows.shape[1]])
 
 
-def _fill_whitened_rows(field, rows, acceleration):
+def _fill_whitened_rows(field, rows, has_acceleration):
     """Fill columns of [coefficients | right-hand side], (k + 1, 2, n), decorrelated, of unit weight."""
     (sin_a, cos_a), (sin_d, cos_d) = sin_cos(field.lon), sin_cos(field.lat)
     p = np.stack([-sin_a, cos_a, np.zeros_like(sin_a)])
     q = np.stack([-sin_d * cos_a, -sin_d * sin_a, cos_d])
     east, north = rows[:, 0], rows[:, 1]
     east[:3], north[:3] = q, -p
-    if acceleration:
+    if has_acceleration:
         east[3:6], north[3:6] = p, q
     east[-1], north[-1] = field.motion
     # The part of the northern error that is independent of the eastern one, and its size.
@@ -206,8 +206,8 @@ def _back_substitute(triangle, names, n_data, frame, notes):
     p = len(names)
     r, rhs = triangle[:p, :p], triangle[:p, p]
     lengths = np.linalg.norm(r, axis=0) if len(r) == p else np.zeros(p)
-    singular = svdvals(r / lengths) if (lengths > 0).all() else np.zeros(p)
-    if not singular[-1] > 1e-5 * singular[0]:
+    singular_values = svdvals(r / lengths) if (lengths > 0).all() else np.zeros(p)
+    if not singular_values[-1] > 1e-5 * singular_values[0]:
         raise DegeneracyError(f"{n_data // 2} sources cannot separate {', '.join(names)}: widen the sky coverage")
     inverse = solve_triangular(r, np.eye(p))
     chi2 = float(triangle[p, p] ** 2) if len(triangle) > p else 0.0
@@ -256,10 +256,10 @@ class CrossCheck(Result):
     def to_table(self) -> Table:
         """Both solutions as an astropy Table: a row for each component of spin and acceleration."""
         columns: dict[str, Any] = {"parameter": list(self.frame.names)}
-        for name, vectors in (("harmonics", self.harmonics), ("frame_solver", self.frame)):
-            spin: Any = vectors.spin
-            columns[name] = np.concatenate([spin.value, vectors.acceleration.value])
-            columns[f"{name}_error"] = np.concatenate([spin.sigma, vectors.acceleration.sigma])
+        for name, solution in (("harmonics", self.harmonics), ("frame_solver", self.frame)):
+            spin: Any = solution.spin
+            columns[name] = np.concatenate([spin.value, solution.acceleration.value])
+            columns[f"{name}_error"] = np.concatenate([spin.sigma, solution.acceleration.sigma])
         return tables.table_of(columns, {"frame": self.frame.frame})
 
     def plot(self, *, ax: Axes | None = None) -> Axes:

@@ -17,10 +17,10 @@ from types import ModuleType
 from typing import NoReturn
 
 from vsh.commands import COMMANDS
-from vsh.tools.modules import import_ours
+from vsh.tools.modules import import_hidden_packages
 
 # Here and not in a function: processes that a command begins import this module before anything else.
-import_ours()
+import_hidden_packages()
 
 _USAGE = """usage: python -m vsh COMMAND …
 

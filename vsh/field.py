@@ -94,7 +94,7 @@ def field_arrays(
     if "redshift" in columns and "redshift_error" in columns:
         notes = (*notes, *_blank_unknown_redshifts(columns, first_row))
     spans = {column: bad_rows.span_of(columns[column]) for column in _MOTIONS}
-    invalid = bad_rows.invalid_rows(
+    invalid = bad_rows.find_bad_rows(
         lon, lat, motion, sigma, rho,
         dict(unusable or {}) | {f"{c} missing": mask for c, mask in missing.items() if c not in MEASURED},
         bad_rows.find_placeholder_rows({c: columns[c] for c in _MOTIONS}, spans), turns=1,
@@ -387,7 +387,7 @@ class Field(Equal, SourcesWithErrors):
         check_frame(self.frame)
         if self.redshift_frame is not None:
             self._set(redshift_frame=check_redshift_frame(self.redshift_frame))
-        columns = bad_rows.checked_columns(self, ("lat", "motion", "sigma", "rho", *MEASURED), ("name",))
+        columns = bad_rows.check_columns(self, ("lat", "motion", "sigma", "rho", *MEASURED), ("name",))
         self._set(**columns, notes=tuple(self.notes))
         bad_rows.check_measurements(self)
 
@@ -720,7 +720,7 @@ class Field(Equal, SourcesWithErrors):
         sigma = float_array("sigma", sigma, (2, len(self)) if np.ndim(sigma) == 0 else None, False, broadcast=True)
         shapes: dict[str, tuple[int, ...]] = {"sigma": (2, len(self)), "rho": (len(self),)}
         bad_rows.check_shapes({"sigma": sigma, "rho": rho}, shapes.__getitem__)
-        bad_rows.select_usable(bad_rows.invalid_rows(self.lon, self.lat, self.motion, sigma, rho), len(self))
+        bad_rows.select_usable(bad_rows.find_bad_rows(self.lon, self.lat, self.motion, sigma, rho), len(self))
         return self._with(sigma=sigma, rho=rho)
 
     def to_frame(self, name: str) -> Field:

@@ -15,7 +15,7 @@ from vsh.sky.frames import AXES, FRAME_KEY, check_frame, rotation_matrix
 from vsh.sky.pixels import centres, check_nside, pixels_of
 from vsh.sky.sphere import angles, triad
 from vsh.tools.arguments import float_array, number
-from vsh.tools.bad_rows import as_floats, check_shapes, floats_or_nan, invalid_rows, select_usable
+from vsh.tools.bad_rows import as_floats, check_shapes, find_bad_rows, floats_or_nan, select_usable
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, FloatArray, OnBad
 from vsh.tools.units import DEGREE
@@ -329,7 +329,7 @@ class ScalarField(SourcesWithErrors):
 
 
 def _find_invalid_rows(lon, lat, values, sigma, further=None, turns=2):
-    return invalid_rows(lon, lat, values[None], sigma[None], np.zeros(lon.shape), further, turns=turns, what="value")
+    return find_bad_rows(lon, lat, values[None], sigma[None], np.zeros(lon.shape), further, turns=turns, what="value")
 
 
 def _as_quantity(column):

@@ -112,16 +112,16 @@ def project_response(
 
 def _synthesize_field(coefficients, loc, epsilon):
     """The field at each location, (2, n); (n,) of a scalar field."""
-    scalar = isinstance(coefficients.modes, ScalarModes)
+    is_scalar = isinstance(coefficients.modes, ScalarModes)
     values = ducc0.sht.synthesis_general(
-        alm=scalar_to_healpy(cast(ScalarCoefficients, coefficients))[None] if scalar else to_healpy(coefficients),
-        spin=0 if scalar else 1,
+        alm=scalar_to_healpy(cast(ScalarCoefficients, coefficients))[None] if is_scalar else to_healpy(coefficients),
+        spin=0 if is_scalar else 1,
         lmax=coefficients.modes.lmax,
         loc=loc,
         epsilon=epsilon,
         nthreads=thread_count(),
     )
-    if scalar:
+    if is_scalar:
         return values[0]
     np.negative(values[0], out=values[0])
     return values[::-1]  # a copy would take as long as the transform
@@ -129,16 +129,16 @@ def _synthesize_field(coefficients, loc, epsilon):
 
 def _sum_by_mode(modes, loc, motion, epsilon, threads):
     """Σ motion · V_i for every mode, (p,)."""
-    scalar = isinstance(modes, ScalarModes)
+    is_scalar = isinstance(modes, ScalarModes)
     alm = ducc0.sht.adjoint_synthesis_general(
-        map=motion if scalar else np.stack([-motion[1], motion[0]]),
-        spin=0 if scalar else 1,
+        map=motion if is_scalar else np.stack([-motion[1], motion[0]]),
+        spin=0 if is_scalar else 1,
         lmax=modes.lmax,
         loc=loc,
         epsilon=epsilon,
         nthreads=thread_count(threads),
     )
-    return modes.norm2 * (scalar_from_healpy(alm[0]) if scalar else from_healpy(alm)).values
+    return modes.norm2 * (scalar_from_healpy(alm[0]) if is_scalar else from_healpy(alm)).values
 
 
 def fourier_moments(
@@ -148,16 +148,16 @@ def fourier_moments(
 
     Two of them travel as one complex one; their symmetry separates them.
     """
-    rows = np.zeros(((len(planes) + 1) // 2, planes.shape[1]), complex)
-    rows.real, rows.imag[: len(planes) // 2] = planes[::2], planes[1::2]
-    moments = np.zeros((len(rows), 2 * max_order + 1, 2 * max_order + 1), complex)
+    packed = np.zeros(((len(planes) + 1) // 2, planes.shape[1]), complex)
+    packed.real, packed.imag[: len(planes) // 2] = planes[::2], planes[1::2]
+    moments = np.zeros((len(packed), 2 * max_order + 1, 2 * max_order + 1), complex)
     if planes.size:
         coord = np.stack([lon, lat], axis=1)
         ducc0.nufft.nu2u(
-            points=rows, coord=coord, forward=True, epsilon=epsilon, nthreads=1, out=moments, periodicity=2 * np.pi
+            points=packed, coord=coord, forward=True, epsilon=epsilon, nthreads=1, out=moments, periodicity=2 * np.pi
         )
-    mirror = np.conj(moments[:, ::-1, ::-1])
-    pairs = np.stack([(moments + mirror) / 2, (moments - mirror) / 2j], axis=1)
+    mirrored = np.conj(moments[:, ::-1, ::-1])
+    pairs = np.stack([(moments + mirrored) / 2, (moments - mirrored) / 2j], axis=1)
     return pairs.reshape(-1, *moments.shape[1:])[: len(planes)]
 
 

@@ -117,8 +117,8 @@ class Vector(Equal, Frozen):
         sigma = float_array("errors", errors, (3,))
         p, q, r = triad(np.radians(lon), np.radians(lat))
         along, east, north = sigma[0], *(np.radians(sigma[1:]) * amplitude)
-        steps = np.stack([along * r, east * np.cos(np.radians(lat)) * p, north * q])
-        return cls(amplitude * r, steps.T @ steps, frame, unit)
+        deviations = np.stack([along * r, east * np.cos(np.radians(lat)) * p, north * q])
+        return cls(amplitude * r, deviations.T @ deviations, frame, unit)
 
     @property
     def sigma(self) -> FloatArray:
@@ -255,7 +255,7 @@ class Vector(Equal, Frozen):
         return float(length_limits(self.value[None], self.covariance[None], probability, self.dof)[0])
 
     def _has_errors(self) -> bool:
-        """Return whether the covariance has a length that a limit can rest on."""
+        """Return whether components are finite, and their covariance is not zero and rests on enough replicates."""
         return bool(np.isfinite(self.value).all() and self.dof >= FEWEST_DOF and np.trace(self.covariance) > 0)
 
     def direction_cone(self, probability: float = 0.68) -> float:
@@ -278,15 +278,15 @@ class Vector(Equal, Frozen):
         precision = np.linalg.inv(covariance)
         reach = min(np.pi, 12 * np.sqrt(np.linalg.eigvalsh(covariance)[-1]) / max(self.amplitude, 1e-300))
         angle = np.linspace(0, reach, 400)
-        around = (np.arange(72) + 0.5) * 2 * np.pi / 72
+        azimuth = (np.arange(72) + 0.5) * 2 * np.pi / 72
         p, q, r = triad(*np.radians(self.direction))
-        side = np.multiply.outer(p, np.cos(around)) + np.multiply.outer(q, np.sin(around))
+        side = np.multiply.outer(p, np.cos(azimuth)) + np.multiply.outer(q, np.sin(azimuth))
         n = r[:, None, None] * np.cos(angle)[:, None] + side[:, None, :] * np.sin(angle)[:, None]
         # ∫ exp(−(rn − v)ᵀ W (rn − v)/2) dr over r > 0.
         a = np.einsum("iab,ij,jab->ab", n, precision, n)
         b = np.einsum("iab,ij,j->ab", n, precision, self.value)
-        log = b * b / a / 2 - np.log(a) / 2 + log_ndtr(b / np.sqrt(a))
-        density = np.exp(log - log.max()).sum(1) * np.sin(angle)
+        log_density = b * b / a / 2 - np.log(a) / 2 + log_ndtr(b / np.sqrt(a))
+        density = np.exp(log_density - log_density.max()).sum(1) * np.sin(angle)
         cumulative = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2)])
         return float(np.degrees(np.interp(probability, cumulative / cumulative[-1], angle)))
 
@@ -317,10 +317,10 @@ class Vector(Equal, Frozen):
     def _facts(self):
         """Length and direction, for a notebook."""
         lon, lat = self.direction
-        size = f"{format_with_error(self.amplitude, self.amplitude_error)} {self.unit}"
-        value = ", ".join(format_values(self.value, self.sigma))
+        amplitude = f"{format_with_error(self.amplitude, self.amplitude_error)} {self.unit}"
+        components = ", ".join(format_values(self.value, self.sigma))
         direction = f"{lon:.1f}°, {lat:+.1f}° ({self.frame})"
-        return {"value": f"({value}) {self.unit}", "amplitude": size, "direction": direction}
+        return {"value": f"({components}) {self.unit}", "amplitude": amplitude, "direction": direction}
 
 
 def chance_probability(square: float, size: int, dof: float = float("inf")) -> float:

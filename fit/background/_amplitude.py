@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from scipy.special import gammaln
 
-from fit.background._likelihood import Likelihood, Maximum, gauss_nodes, span_of, squared_scale_nodes
+from fit.background._likelihood import Likelihood, Maximum, find_span, gauss_nodes, squared_scale_nodes
 from vsh.tools.arguments import between, choice, positive
 from vsh.tools.notebook import Frozen
 from vsh.tools.parallel import limit_blas
@@ -56,8 +56,8 @@ class Amplitude(Frozen):
 
     def likelihood(self, amplitude: ArrayLike) -> FloatArray:
         """Likelihood of an `amplitude` ≥ 0, scaled to one at its maximum; zero outside the grid."""
-        x = np.sqrt(np.asarray(amplitude, float))
-        return np.exp(np.interp(x, self.root, self.log_likelihood, left=-np.inf, right=-np.inf))
+        root = np.sqrt(np.asarray(amplitude, float))
+        return np.exp(np.interp(root, self.root, self.log_likelihood, left=-np.inf, right=-np.inf))
 
     def quantile(self, probability: float, prior: Prior = "flat", lowest: float | None = None) -> float:
         """Quantile of the posterior: the true amplitude is below it with the given probability.
@@ -71,13 +71,13 @@ class Amplitude(Frozen):
         lowest : float, optional
             Where a prior flat in ln A begins; a millionth of the largest A unless given.
         """
-        x, share = self._cumulative_probability(prior, lowest)
-        return float(np.interp(between("probability", probability, 0, 1), share, x) ** 2)
+        root, share = self._cumulative_probability(prior, lowest)
+        return float(np.interp(between("probability", probability, 0, 1), share, root) ** 2)
 
     def mean(self, prior: Prior = "flat") -> float:
         """The mean amplitude, with the `prior` of `quantile`."""
-        x, mass = self._posterior_density(prior)
-        return float(cumulative_integral(mass * x**2, x)[-1] / cumulative_integral(mass, x)[-1])
+        root, density = self._posterior_density(prior)
+        return float(cumulative_integral(density * root**2, root)[-1] / cumulative_integral(density, root)[-1])
 
     def interval(self, probability: float = 0.68, prior: Prior = "flat") -> tuple[float, float]:
         """The likeliest amplitudes that hold the true one with `probability`, with the `prior` of `quantile`.
@@ -87,36 +87,36 @@ class Amplitude(Frozen):
         tuple of two floats
             Lower and upper limit of A.
         """
-        x, mass = self._posterior_density(prior)
-        dense = np.linspace(x[0], x[-1], 8 * len(x))
-        mass = np.interp(dense, x, mass)
-        order = np.argsort(-self.likelihood(dense**2), kind="stable")
-        share = np.cumsum(mass[order]) / mass.sum()
+        root, density = self._posterior_density(prior)
+        fine_root = np.linspace(root[0], root[-1], 8 * len(root))
+        density = np.interp(fine_root, root, density)
+        order = np.argsort(-self.likelihood(fine_root**2), kind="stable")
+        share = np.cumsum(density[order]) / density.sum()
         inside = order[: np.searchsorted(share, between("probability", probability, 0, 1)) + 1]
-        return float(dense[inside.min()] ** 2), float(dense[inside.max()] ** 2)
+        return float(fine_root[inside.min()] ** 2), float(fine_root[inside.max()] ** 2)
 
     def _cumulative_probability(self, prior, lowest=None):
         """√A and the probability below it."""
-        x, mass = self._posterior_density(prior, lowest)
-        share = cumulative_integral(mass, x)
-        return x, share / share[-1]
+        root, density = self._posterior_density(prior, lowest)
+        share = cumulative_integral(density, root)
+        return root, share / share[-1]
 
     def _posterior_density(self, prior, lowest=None):
         """√A and the density of the posterior in it, not normalised."""
         power = _POWERS[choice("prior", prior, tuple(_POWERS))]
-        x, density = self.root, np.exp(self.log_likelihood)
+        root, density = self.root, np.exp(self.log_likelihood)
         if power >= 0:
-            return x, density * x**power
-        start = np.sqrt(positive("lowest", lowest)) if lowest is not None else x[-1] / 1e3
-        x = np.geomspace(start, x[-1], 4 * len(self.root))
-        return x, np.interp(x, self.root, density, left=density[0]) / x
+            return root, density * root**power
+        start = np.sqrt(positive("lowest", lowest)) if lowest is not None else root[-1] / 1e3
+        root = np.geomspace(start, root[-1], 4 * len(self.root))
+        return root, np.interp(root, self.root, density, left=density[0]) / root
 
 
-_POINTS = 401
+_N_ROOTS = 401
 
 
 def posteriors(
-    likelihood: Likelihood, best: Maximum, which: Sequence[int] | None = None
+    likelihood: Likelihood, best: Maximum, amplitude_numbers: Sequence[int] | None = None
 ) -> tuple[list[Amplitude], float]:
     """Posterior of each amplitude, all others marginalised, and ln of the evidence relative to no background.
 
@@ -127,8 +127,8 @@ def posteriors(
     """
     with limit_blas(len(likelihood.rhs)):
         grid = _Grid(likelihood, best)
-    summaries = [grid.of(k) for k in (range(len(likelihood)) if which is None else which)]
-    return [amplitude for amplitude, _ in summaries], summaries[0][1]
+    pairs = [grid.marginalise(k) for k in (range(len(likelihood)) if amplitude_numbers is None else amplitude_numbers)]
+    return [amplitude for amplitude, _ in pairs], pairs[0][1]
 
 
 class _Grid:
@@ -137,33 +137,33 @@ class _Grid:
     def __init__(self, likelihood: Likelihood, best: Maximum) -> None:
         self.likelihood, self.best = likelihood, best
         self.taus, self.weights = squared_scale_nodes(likelihood, best)
-        self.spans = [span_of(likelihood, best, k) for k in range(len(likelihood))]
-        self.parts = likelihood.between(self.spans, self.taus)
+        self.spans = [find_span(likelihood, best, k) for k in range(len(likelihood))]
+        self.interpolate = likelihood.make_interpolator(self.spans, self.taus)
 
-    def of(self, k: int) -> tuple[Amplitude, float]:
+    def marginalise(self, k: int) -> tuple[Amplitude, float]:
         """Amplitude k with all others marginalised, and the evidence."""
-        nodes = {k: self._unit(k) * np.sinh(np.linspace(self._ends(k)[0], self._ends(k)[1], _POINTS))}
+        nodes = {k: self._unit(k) * np.sinh(np.linspace(self._ends(k)[0], self._ends(k)[1], _N_ROOTS))}
         order = [k, *(j for j in range(len(self.spans)) if j != k)]
         weights = []
         for j in order[1:]:
             y, weight = gauss_nodes(24, *self._ends(j))
             nodes[j] = self._unit(j) * np.sinh(y)
-            weights.append(weight * self._unit(j) * np.cosh(y) * self._prior(j, nodes[j]))
-        logs = []
+            weights.append(weight * self._unit(j) * np.cosh(y) * self._shrinkage_prior(j, nodes[j]))
+        log_likelihoods = []
         for tau, weight in zip(self.taus, self.weights, strict=True):
-            logdet, gain = self.parts([nodes[j] / np.sqrt(tau) for j in sorted(nodes)])
-            logs.append(self.likelihood.of_parts(logdet, gain, tau) + np.log(weight))
-        highest = np.max(logs)
-        total = np.transpose(np.exp(logs - highest).sum(0), order)
+            logdet, gain = self.interpolate([nodes[j] / np.sqrt(tau) for j in sorted(nodes)])
+            log_likelihoods.append(self.likelihood.combine(logdet, gain, tau) + np.log(weight))
+        highest = np.max(log_likelihoods)
+        likelihood = np.transpose(np.exp(log_likelihoods - highest).sum(0), order)
         # Contracting the last axis first, the target stays.
-        sums = reduce(np.matmul, reversed(weights), total)
-        target = nodes[k]
+        marginal = reduce(np.matmul, reversed(weights), likelihood)
+        root = nodes[k]
         evidence = (
-            float(np.log(cumulative_integral(sums * self._prior(k, target), target)[-1]) + highest)
+            float(np.log(cumulative_integral(marginal * self._shrinkage_prior(k, root), root)[-1]) + highest)
             - self._log_evidence_of_none()
         )
-        logarithm = np.log(sums + 1e-300)
-        return Amplitude(target, logarithm - logarithm.max()), evidence
+        log_likelihood = np.log(marginal + 1e-300)
+        return Amplitude(root, log_likelihood - log_likelihood.max()), evidence
 
     def _unit(self, k):
         """√A of the amplitude that is seen at one standard error."""
@@ -173,13 +173,13 @@ class _Grid:
         """The span by y = arsinh √(A/u), which resolves what is next to zero and what is far from it."""
         return np.arcsinh(np.array(self.spans[k]) / self._unit(k))
 
-    def _prior(self, k, root):
+    def _shrinkage_prior(self, k, root):
         u = self._unit(k) ** 2
         return 2 * root * u / (u + root**2) ** 2
 
     def _log_evidence_of_none(self):
         """ln of the likelihood of no background, summed over κ alike."""
         if not self.likelihood.noise_scale:
-            return float(self.likelihood.of_parts(0.0, 0.0, 1.0))
+            return float(self.likelihood.combine(0.0, 0.0, 1.0))
         half, chi2 = self.likelihood.n_data / 2, self.likelihood.chi2 / 2
         return float(gammaln(half) - half * np.log(chi2))

@@ -15,7 +15,7 @@ from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, FloatArray, Table
 
 #: More errors than this are marked.
-_SEEN = 3.0
+_MARKED_ERRORS = 3.0
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -50,22 +50,22 @@ class CrossPowers(Result):
         return f"<CrossPowers: {len(set(self.templates))} templates, degrees to {int(max(self.degrees))}>"
 
     def _sections(self, long):
-        is_significant = (np.abs(self.values) > _SEEN * self.errors_with_floor) & (self.degrees > 1)
-        pairs = zip(self.templates, self.degrees, is_significant, strict=True)
-        text = ", ".join(f"{name} (l = {l:.0f})" for name, l, is_seen in pairs if is_seen)
+        is_significant = (np.abs(self.values) > _MARKED_ERRORS * self.errors_with_floor) & (self.degrees > 1)
+        rows = zip(self.templates, self.degrees, is_significant, strict=True)
+        marked = ", ".join(f"{name} (l = {l:.0f})" for name, l, is_seen in rows if is_seen)
         is_of_motions = self.unit == "µas/yr"
-        own = "spin and acceleration themselves" if is_of_motions else "the dipole itself"
+        dipoles = "spin and acceleration themselves" if is_of_motions else "the dipole itself"
         remarks = [
-            f"More than three errors with the floor: {text or 'none'}. Degree 1 contains {own} and is not judged."
+            f"More than three errors with the floor: {marked or 'none'}. Degree 1 contains {dipoles} and is not judged."
         ]
         title = f"{'Motions' if is_of_motions else 'Values'} along each template, by degree (rms)"
         return (Section(title, (), self.to_table(), remarks=remarks),)
 
     def to_table(self) -> Table:
         """A row for each template and degree as an astropy Table."""
-        motions = {"value": self.values, "error": self.errors, "error_with_floor": self.errors_with_floor}
-        columns = {"template": list(self.templates), "degree": self.degrees.astype(int)} | motions
-        return tables.table_of(columns, {}, dict.fromkeys(motions, self.unit))
+        numbers = {"value": self.values, "error": self.errors, "error_with_floor": self.errors_with_floor}
+        columns = {"template": list(self.templates), "degree": self.degrees.astype(int)} | numbers
+        return tables.table_of(columns, {}, dict.fromkeys(numbers, self.unit))
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """The projections in units of their errors on matplotlib axes."""
@@ -104,22 +104,22 @@ def cross_powers(
     total_covariance = np.array(solution.covariance)
     if spectrum is not None:
         total_covariance[np.diag_indices(len(modes))] += spectrum.variances(modes)
-    names, degrees, rows = [], [], []
+    names, degrees, projections = [], [], []
     for template in templates:
         weight = template.values * modes.norm2
         for l in range(1, modes.lmax + 1):
-            at = np.where(modes.degrees == l, weight, 0.0)
-            size = np.sqrt(4 * np.pi * at @ template.values)
-            if size > 1e-6:
+            degree_weight = np.where(modes.degrees == l, weight, 0.0)
+            norm = np.sqrt(4 * np.pi * degree_weight @ template.values)
+            if norm > 1e-6:
                 names.append(template.name)
                 degrees.append(float(l))
-                rows.append(at / size)
-    row = np.array(rows)
+                projections.append(degree_weight / norm)
+    projection = np.array(projections)
     return CrossPowers(
         templates=tuple(names),
         degrees=np.array(degrees),
-        values=row @ solution.values,
-        errors=np.sqrt(np.einsum("nk,kl,nl->n", row, solution.covariance, row)),
-        errors_with_floor=np.sqrt(np.einsum("nk,kl,nl->n", row, total_covariance, row)),
+        values=projection @ solution.values,
+        errors=np.sqrt(np.einsum("nk,kl,nl->n", projection, solution.covariance, projection)),
+        errors_with_floor=np.sqrt(np.einsum("nk,kl,nl->n", projection, total_covariance, projection)),
         unit=solution.unit,
     )

@@ -10,10 +10,10 @@ from scipy.special import softmax
 from fit.background._amplitude import posteriors
 from fit.background._likelihood import (
     Likelihood,
-    degrees_text,
+    check_degrees,
     equations_of,
     error_source_of,
-    fitted_degrees,
+    format_degrees,
     parity_p_value,
     should_fit_scale,
 )
@@ -52,12 +52,12 @@ _ODDS = {"gaia": 3.0, "steep": 0.5}
 
 
 #: Up to this degree the steepest spectrum is among the usual ones.
-_STEEP_TO = 12
+_STEEP_HIGHEST = 12
 
 
 def usual_shapes(highest: int) -> tuple[str, ...]:
     """Default spectra to average over: degrees beyond 12 determine the slope, so that "steep" is left out."""
-    return tuple(SHAPES) if highest <= _STEEP_TO else ("flat", "gaia")
+    return tuple(SHAPES) if highest <= _STEEP_HIGHEST else ("flat", "gaia")
 
 
 def shape_probabilities(names: Sequence[str], log_evidence: ArrayLike) -> FloatArray:
@@ -88,15 +88,15 @@ class FloorOfKind(Result):
     _remark: ClassVar[str] = ""
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self._words()}, from degrees {degrees_text(self.degrees)}>"
+        return f"<{type(self).__name__}: {self._words()}, from degrees {format_degrees(self.degrees)}>"
 
     @property
     def errors(self) -> dict[str, float]:
         """The floor in each component of what stands in the low degrees, by its name. [`unit`]"""
-        spectra = [each._spectrum_of(*each.mean) if each.mean else each.spectrum for each in self._by_shape]
+        spectra = [part._spectrum_of(*part.mean) if part.mean else part.spectrum for part in self._by_shape]
         weights = self.probability or (1.0,)  # the variance of a mixture is the mean of those of the shapes
         return {
-            name: float(np.sqrt(np.dot(weights, [getattr(each, f"{name}_error") ** 2 for each in spectra])))
+            name: float(np.sqrt(np.dot(weights, [getattr(spectrum, f"{name}_error") ** 2 for spectrum in spectra])))
             for name in self._parameters
         }
 
@@ -128,11 +128,11 @@ class FloorOfKind(Result):
     def _sections(self, long):
         n_sources = self.n_data // self._shapes["flat"].mode_class.components
         gain = f"ln L exceeds that without systematic errors by {self.log_likelihood:.2f}"
-        facts = [("estimated from", f"the power of degrees {degrees_text(self.degrees)} of {n_sources} sources")]
-        facts.append(self._fact(gain))
+        facts = [("estimated from", f"the power of degrees {format_degrees(self.degrees)} of {n_sources} sources")]
+        facts.append(self._likelihood_fact(gain))
         facts += [
-            (f"spectrum {each.shape}", f"{100 * p:.0f} %: {each._words()}")
-            for each, p in zip(self.parts, self.probability, strict=True)
+            (f"spectrum {part.shape}", f"{100 * p:.0f} %: {part._words()}")
+            for part, p in zip(self.parts, self.probability, strict=True)
         ]
         if self.noise_scale != 1:
             facts.append(("errors", f"the catalogue's, scaled by {self.noise_scale:.4f} in the same fit"))
@@ -144,14 +144,14 @@ class FloorOfKind(Result):
         )
         return (Section("Systematic floor", facts, self.to_table(), remarks=[remark]),)
 
-    def _fact(self, gain):
+    def _likelihood_fact(self, gain):
         """Line of the report on the likelihood."""
         return ("likelihood", gain)
 
     def to_table(self) -> Table:
         """A row for each power as an astropy Table."""
-        numbers = list(self.powers.values()) * (len(self.errors) // len(self.powers))
-        rows = [(name, *power, error) for (name, error), power in zip(self.errors.items(), numbers, strict=True)]
+        powers = list(self.powers.values()) * (len(self.errors) // len(self.powers))
+        rows = [(name, *power, error) for (name, error), power in zip(self.errors.items(), powers, strict=True)]
         names = ("power", "power_low", "power_high")
         units = dict.fromkeys(names, square_of(self.unit)) | {"floor": self.unit}
         return tables.table_of_rows(("parameter", *names, "floor"), rows, self._meta(), units)
@@ -175,8 +175,8 @@ class FloorOfKind(Result):
         """
         if max(self.degrees) > modes.lmax:
             raise ModesError(
-                f"the floor was estimated from degrees {degrees_text(self.degrees)}, and these normal equations go to "
-                f"{modes.lmax}"
+                f"the floor was estimated from degrees {format_degrees(self.degrees)}, and these normal equations go "
+                f"to {modes.lmax}"
             )
         variances = self.spectrum.variances(modes)
         variances[~np.isin(modes.degrees, self.degrees)] = np.inf
@@ -205,8 +205,8 @@ class FloorOfKind(Result):
         solution = solve(scaled_data + prior)
         covariance = solution.covariance + np.diag(self.added(modes))
         note = (
-            f"the floor is a prior that shrinks the coefficients of degrees {degrees_text(self.degrees)}; their powers "
-            "and p-values are from the fit without it"
+            f"the floor is a prior that shrinks the coefficients of degrees {format_degrees(self.degrees)}; their "
+            "powers and p-values are from the fit without it"
         )
         try:
             plain = solve(normal)
@@ -215,7 +215,7 @@ class FloorOfKind(Result):
         except DegeneracyError:  # that the prior alone mends
             plain = formal = None
         changes = {"without_prior": plain, "formal_covariance": formal, "notes": (*solution.notes, note)}
-        return self._included(solution, covariance, chi2=solution.chi2 * tau, **changes)
+        return self._with_floor(solution, covariance, chi2=solution.chi2 * tau, **changes)
 
     def _average_over_shapes(self, solve, normal):
         """The mean over the shapes, its covariance with their scatter."""
@@ -227,16 +227,16 @@ class FloorOfKind(Result):
         covariance = np.tensordot(weights, [solution.covariance for solution in solutions], 1)
         covariance = covariance + np.einsum("s,si,sj->ij", weights, deviations, deviations)
         best_solution = solutions[int(np.argmax(weights))]
-        text = ", ".join(
+        shares = ", ".join(
             f"{shape_floor.shape} {100 * p:.0f} %" for shape_floor, p in zip(self.parts, weights, strict=True)
         )
         coefficients = replace(best_solution.coefficients, values=mean)
-        return self._included(best_solution, covariance, f" (spectra: {text})", coefficients=coefficients)
+        return self._with_floor(best_solution, covariance, f" (spectra: {shares})", coefficients=coefficients)
 
-    def _included(self, solution, covariance, spectra="", **changes):
-        """A solution with this floor in its covariance."""
+    def _with_floor(self, solution, covariance, spectra="", **changes):
+        """A solution with a covariance that has this floor in it, and what is to be said of that."""
         scale = "" if self.noise_scale == 1 else f" times {self.noise_scale:.4g}"
-        degrees = f"degrees {degrees_text(self.degrees)}{spectra}"
+        degrees = f"degrees {format_degrees(self.degrees)}{spectra}"
         text = f"{self.errors_from}{scale}, with the systematic floor from {degrees}: {self._words()} in each component"
         # Those of the catalogue are scaled already.
         source = ErrorSource.SCALED if self.error_source == ErrorSource.CATALOGUE else self.error_source
@@ -323,12 +323,12 @@ class Floor(FloorOfKind):
         pairs = (("T", self.spin_interval), ("S", self.acceleration_interval))
         return [(kind, 1, *(8 * np.pi * np.square(interval)).tolist()) for kind, interval in pairs]
 
-    def _interval(self, parity, error):
+    def _interval(self, parity, error_name):
         """Ends of the 68 % intervals of the shapes, as degree 1 has them, averaged by probability."""
         ends = []
         for shape_floor in self._by_shape:
-            unit = getattr(shape_floor._spectrum_of(1.0, 1.0), error)
-            ends.append([unit * np.sqrt(end) for end in getattr(shape_floor, f"{parity}_interval")])
+            unit_error = getattr(shape_floor._spectrum_of(1.0, 1.0), error_name)
+            ends.append([unit_error * np.sqrt(end) for end in getattr(shape_floor, f"{parity}_interval")])
         lower, upper = np.asarray(self.probability or (1.0,)) @ np.array(ends)
         return float(lower), float(upper)
 
@@ -336,7 +336,7 @@ class Floor(FloorOfKind):
         shape = SHAPES[self.shape]
         return odd * shape.only("odd") + even * shape.only("even")
 
-    def _fact(self, gain):
+    def _likelihood_fact(self, gain):
         return ("parities", f"p = {self.parity_p_value:.3g} that both parities have equal power ({gain})")
 
     def _meta(self):
@@ -385,7 +385,7 @@ class ScalarFloor(FloorOfKind):
     @property
     def bands(self) -> list[tuple[str, int, float, float]]:
         """The likeliest 68 % of the power of degrees 0 and 1: kind, degree, and both ends. [`unit`²]"""
-        powers = [np.outer(each.power_interval, SCALAR_SHAPES[each.shape].power(1)[0]) for each in self._by_shape]
+        powers = [np.outer(part.power_interval, SCALAR_SHAPES[part.shape].power(1)[0]) for part in self._by_shape]
         ends = np.tensordot(self.probability or (1.0,), powers, 1)
         return [("F", l, float(ends[0, l]), float(ends[1, l])) for l in (0, 1)]
 
@@ -477,7 +477,7 @@ def floor(
         raise ParameterError("fit.background.shared([normal]) gives the floor beside templates; this one knows none")
     if degrees is None and modes.lmax < 2:
         raise ModesError("a floor is estimated from degrees 2 and higher: fit to degree 3 at least")
-    degrees = fitted_degrees(modes, range(2, modes.lmax + 1) if degrees is None else degrees)
+    degrees = check_degrees(modes, range(2, modes.lmax + 1) if degrees is None else degrees)
     if degrees[0] < 2:
         raise ModesError(
             f"degree {degrees[0]} holds the {' and the '.join(kind._parameters)}: a floor is estimated from degrees "
@@ -499,7 +499,7 @@ def floor(
     return replace(floors[0], mean=None, parts=floors, probability=tuple(probability.tolist()))
 
 
-def _estimate_for_shape(kind, name, equations, degrees, free_degrees, fit_scale, errors):
+def _estimate_for_shape(kind, name, equations, degrees, free_degrees, fit_scale, error_origin):
     """The floor for one shape of the spectrum, and ln of its evidence."""
     shape = kind._shapes[name]
     spectra = [shape.only("odd"), shape.only("even")] if kind is Floor else [shape]
@@ -518,10 +518,10 @@ def _estimate_for_shape(kind, name, equations, degrees, free_degrees, fit_scale,
         noise_scale=best.noise_scale,
         log_likelihood=best.log_likelihood,
         n_data=equations.n_data,
-        errors_from=errors[0],
+        errors_from=error_origin[0],
         shape=name,
         mean=tuple(amplitude.mean("root") for amplitude in amplitudes),
-        error_source=errors[1],
+        error_source=error_origin[1],
         unit=equations.unit or "",
     )
     return estimate, evidence

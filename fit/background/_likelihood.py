@@ -42,7 +42,7 @@ OnTensor: TypeAlias = Callable[[list[FloatArray]], FloatArray]
 
 def logdet_gain_of_variances(matrix: FloatArray, rhs: FloatArray, variances: FloatArray) -> tuple[float, float]:
     """ln|K| and Q of coefficients with variances D, for errors of scale one."""
-    root, k = kernel(matrix, variances)
+    root, k = make_kernel(matrix, variances)
     side = root * rhs
     factor, solution, info = dposv(k, side, lower=1, overwrite_a=1)
     if info:  # cannot be: K is the identity and more
@@ -50,7 +50,7 @@ def logdet_gain_of_variances(matrix: FloatArray, rhs: FloatArray, variances: Flo
     return 2 * float(np.log(factor.diagonal()).sum()), float(side @ solution)
 
 
-def kernel(matrix: FloatArray, variances: FloatArray) -> tuple[FloatArray, FloatArray]:
+def make_kernel(matrix: FloatArray, variances: FloatArray) -> tuple[FloatArray, FloatArray]:
     """√D, and K = I + D^½ N D^½ in the order that LAPACK overwrites."""
     root = np.sqrt(variances)
     k = np.multiply(matrix, root[:, None] * root, order="F")
@@ -144,7 +144,7 @@ class Amplitudes(InNotebook):
         self.matrix, self.rhs, self.shares = matrix, rhs, shares
         information = matrix**2
         self.unit = np.array([1 / np.sqrt(max(share @ information @ share / 2, 1e-300)) for share in shares])
-        self._eigen = _eigen(matrix, rhs, shares[0]) if len(shares) == 1 else None
+        self._eigen = _diagonalise(matrix, rhs, shares[0]) if len(shares) == 1 else None
 
     def __len__(self) -> int:
         return len(self.shares)
@@ -182,16 +182,16 @@ class Amplitudes(InNotebook):
 
     def _evaluate_on_plane(self, first, second):
         """`on_tensor` of two fields that share no coefficient: for each amplitude of the second in closed form."""
-        one, two = (np.flatnonzero(share) for share in self.shares)
+        of_first, of_second = (np.flatnonzero(share) for share in self.shares)
         root = np.sqrt(self.shares.sum(0))
         matrix, rhs = self.matrix * root[:, None] * root, self.rhs * root
-        values, vectors = np.linalg.eigh(matrix[np.ix_(two, two)])
-        cross, side = matrix[np.ix_(one, two)] @ vectors, vectors.T @ rhs[two]
+        values, vectors = np.linalg.eigh(matrix[np.ix_(of_second, of_second)])
+        cross, side = matrix[np.ix_(of_first, of_second)] @ vectors, vectors.T @ rhs[of_second]
         values = np.maximum(values, 0.0)
         kept = second[:, None] ** 2 / (1 + second[:, None] ** 2 * values)
         # What the data say of the first field once the second is marginalised, for each of its amplitudes.
-        inner, vectors = np.linalg.eigh(matrix[np.ix_(one, one)] - (cross * kept[:, None]) @ cross.T)
-        squares = np.einsum("jki,jk->ji", vectors, rhs[one] - (kept * side) @ cross.T) ** 2
+        inner, vectors = np.linalg.eigh(matrix[np.ix_(of_first, of_first)] - (cross * kept[:, None]) @ cross.T)
+        squares = np.einsum("jki,jk->ji", vectors, rhs[of_first] - (kept * side) @ cross.T) ** 2
         ratios = first[:, None, None] ** 2 * np.maximum(inner, 0.0)
         logdet = np.log1p(ratios).sum(2) + np.log1p(second[:, None] ** 2 * values).sum(1)
         gain = np.sum(first[:, None, None] ** 2 * squares / (1 + ratios), 2) + kept @ side**2
@@ -211,15 +211,15 @@ class Amplitudes(InNotebook):
     def information(self, amplitudes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tr(D_j M D_k M) and Tr(D_k M) of the information M = N − N R K⁻¹ R N that some `amplitudes` leave."""
         if self._eigen is not None:
-            remainder = self._eigen[0] / (1 + amplitudes[0] * self._eigen[0])
-            return np.array([[np.sum(remainder**2)]]), np.array([np.sum(remainder)])
+            remaining = self._eigen[0] / (1 + amplitudes[0] * self._eigen[0])
+            return np.array([[np.sum(remaining**2)]]), np.array([np.sum(remaining)])
         t = self._solve_kernel(amplitudes)[-1]
-        remainder = self.matrix - t.T @ t
-        return self.shares @ remainder**2 @ self.shares.T, self.shares @ np.diag(remainder)
+        remaining = self.matrix - t.T @ t
+        return self.shares @ remaining**2 @ self.shares.T, self.shares @ np.diag(remaining)
 
     def _solve_kernel(self, amplitudes):
         """L of K = L Lᵀ, L⁻¹ R b, and the T = L⁻¹ R N of the information N − TᵀT that is left."""
-        root, k = kernel(self.matrix, amplitudes @ self.shares)
+        root, k = make_kernel(self.matrix, amplitudes @ self.shares)
         factor = cholesky(k, lower=True, overwrite_a=True, check_finite=False)
         sides = np.column_stack([root * self.rhs, root[:, None] * self.matrix])
         solution = solve_triangular(factor, sides, lower=True, check_finite=False)
@@ -237,7 +237,7 @@ class Likelihood(Amplitudes):
         normal: NormalEquations,
         spectra: Sequence[SpectrumOfKind],
         degrees: Sequence[int],
-        free: Sequence[int],
+        free_degrees: Sequence[int],
         noise_scale: bool = True,
     ) -> None:
         modes = normal.modes
@@ -248,9 +248,9 @@ class Likelihood(Amplitudes):
         shapes = np.array([spectrum.variances(modes)[indices] for spectrum in spectra])
         for spectrum, shape in zip(spectra, shapes, strict=True):
             if not shape.any():
-                raise ParameterError(f"the spectrum {spectrum.name} has no power in degrees {degrees_text(degrees)}")
+                raise ParameterError(f"the spectrum {spectrum.name} has no power in degrees {format_degrees(degrees)}")
         indices, shapes = indices[shapes.any(0)], shapes[:, shapes.any(0)]
-        free_indices = coefficient_indices(modes, free)
+        free_indices = coefficient_indices(modes, free_degrees)
         matrix, rhs, self.chi2 = _eliminate_free_degrees(normal, free_indices, indices)
         super().__init__(matrix, rhs, shapes)
         self.n_data = normal.n_data - len(free_indices)
@@ -269,77 +269,77 @@ class Likelihood(Amplitudes):
         """ln L, relative to that of no background with errors as they are."""
         tau = noise_scale**2
         return (
-            float(self.of_parts(*self.parts(np.atleast_1d(np.asarray(amplitudes, float)) / tau), tau)) + self._chi2 / 2
+            float(self.combine(*self.parts(np.atleast_1d(np.asarray(amplitudes, float)) / tau), tau)) + self._chi2 / 2
         )
 
-    def of_parts(
+    def combine(
         self, logdet: FloatArray | float, gain: FloatArray | float, tau: FloatArray | float
     ) -> FloatArray | float:
-        """ln L from ln|K| and Q, up to a constant."""
+        """Combine ln|K|, Q and κ² to ln L, up to a constant."""
         return -self.n_data / 2 * np.log(tau) - logdet / 2 - (self._chi2 - gain) / (2 * tau)
 
     def scale(self, gain: float) -> float:
         """κ² where it is likeliest, for some ratios."""
         return max((self.chi2 - gain) / self.n_data, 1e-300) if self.noise_scale else 1.0
 
-    def profile(self, ratios: FloatArray) -> float:
+    def profile_log_likelihood(self, ratios: FloatArray) -> float:
         """ln L of ratios, with κ where it is likeliest, up to the same constant."""
         logdet, gain = self.parts(ratios)
-        return float(self.of_parts(logdet, gain, self.scale(gain)))
+        return float(self.combine(logdet, gain, self.scale(gain)))
 
-    def between(self, spans: Sequence[tuple[float, float]], taus: FloatArray) -> OnTensor:
+    def make_interpolator(self, spans: Sequence[tuple[float, float]], taus: FloatArray) -> OnTensor:
         """ln|K| and Q on the tensor of any √a within the spans: by polynomials, or exactly for one spectrum."""
         if len(spans) == 1:
             return self.on_tensor
-        number = {2: 20, 3: 12}.get(len(spans), 8)
+        n_nodes = {2: 20, 3: 12}.get(len(spans), 8)
         if len(self.rhs) > 300:  # where the degree is high, amplitudes are known well, and the spans short
-            number = min(number, 12)
+            n_nodes = min(n_nodes, 12)
         limits = np.array(spans) / np.sqrt([taus[-1], taus[0]])
-        axes = [Axis(low, high, u, number) for (low, high), u in zip(limits, np.sqrt(self.unit), strict=True)]
+        axes = [Axis(low, high, u, n_nodes) for (low, high), u in zip(limits, np.sqrt(self.unit), strict=True)]
         series = self.on_tensor([axis.nodes for axis in axes])
         for k, axis in enumerate(axes):
             series = axis.to_coefficients(series, k + 1)
 
-        def at(roots):
+        def interpolate(roots):
             array = series
             # Contracting the first axis behind the two quantities once an amplitude comes back to their order.
             for x, axis in zip(roots, axes, strict=True):
                 array = np.moveaxis(np.tensordot(axis.basis(x), array, (1, 1)), 0, -1)
             return array
 
-        return at
+        return interpolate
 
     def maximum(self) -> Maximum:
         """Amplitude of the maximum."""
         with limit_blas(len(self.rhs)):
-            best = self._start = self._search(self._start)
+            best = self._start = self._minimise_loss(self._start)
             ratios = self.unit * np.expm1(best)
             ratios[best < 1e-6] = 0.0  # rounding of the search is no background
             logdet, gain = self.parts(ratios)
         tau = self.scale(gain)
         # Relative to no background, where K = I and Q = 0.
-        log_likelihood = float(self.of_parts(logdet, gain, tau)) - float(self.of_parts(0.0, 0.0, self.scale(0.0)))
+        log_likelihood = float(self.combine(logdet, gain, tau)) - float(self.combine(0.0, 0.0, self.scale(0.0)))
         return Maximum(ratios * tau, float(np.sqrt(tau)), max(log_likelihood, 0.0))
 
-    def _search(self, x):
+    def _minimise_loss(self, x):
         """Minimise the loss for 0 ≤ x ≤ 60, by Newton's method with differences of its slope."""
         loss, slope = self._loss(x)
         for _ in range(100):
             is_free = ~((x <= 0) & (slope > 0) | (x >= 60) & (slope < 0))
             if np.abs(slope[is_free]).max(initial=0.0) < 1e-8:
                 break
-            bend = np.array([self._loss(x + 1e-5 * axis)[1] - slope for axis in np.eye(len(x))]) / 1e-5
-            values, vectors = np.linalg.eigh((bend + bend.T)[np.ix_(is_free, is_free)] / 2)
+            hessian = np.array([self._loss(x + 1e-5 * axis)[1] - slope for axis in np.eye(len(x))]) / 1e-5
+            values, vectors = np.linalg.eigh((hessian + hessian.T)[np.ix_(is_free, is_free)] / 2)
             step = np.zeros(len(x))
             step[is_free] = -vectors @ (vectors.T @ slope[is_free] / np.maximum(np.abs(values), 1e-8))
-            for shorter in 0.5 ** np.arange(30):
-                trial = np.clip(x + shorter * np.clip(step, -3, 3), 0, 60)
-                value, its_slope = self._loss(trial)
-                if value <= loss + 1e-4 * slope @ (trial - x):
+            for fraction in 0.5 ** np.arange(30):
+                trial = np.clip(x + fraction * np.clip(step, -3, 3), 0, 60)
+                trial_loss, trial_slope = self._loss(trial)
+                if trial_loss <= loss + 1e-4 * slope @ (trial - x):
                     break
             else:
                 break  # no lower in double precision
-            x, loss, slope = trial, value, its_slope
+            x, loss, slope = trial, trial_loss, trial_slope
         return x
 
     def _loss(self, x):
@@ -347,21 +347,21 @@ class Likelihood(Amplitudes):
         logdet, gain, by_logdet, by_gain = self.slopes(self.unit * np.expm1(x))
         tau = self.scale(gain)
         slope = (by_logdet - by_gain / tau) / 2
-        return -float(self.of_parts(logdet, gain, tau)), slope * self.unit * np.exp(x)
+        return -float(self.combine(logdet, gain, tau)), slope * self.unit * np.exp(x)
 
 
-def parity_p_value(apart: float, together: float) -> float:
-    """Probability that two parities of one power look as different as they do, by the ratio of likelihoods."""
-    return float(chdtrc(1, max(2 * (apart - together), 0.0)))
+def parity_p_value(separate: float, common: float) -> float:
+    """Probability that two parities of one power look as different, by ln L of separate and of common powers."""
+    return float(chdtrc(1, max(2 * (separate - common), 0.0)))
 
 
 def _eliminate_free_degrees(normal, free_indices, indices):
     """Reduced N', b', χ0' of `indices`, with `free_indices` fitted freely: DegeneracyError if they cannot be."""
     if not len(free_indices):
         return normal.matrix[np.ix_(indices, indices)], normal.rhs[indices], float(normal.chi2_null)
-    inner = normal.matrix[np.ix_(free_indices, free_indices)]
-    scale = np.sqrt(np.maximum(np.diag(inner), 0))
-    if not (scale > 0).all() or np.linalg.eigvalsh(inner / np.outer(scale, scale))[0] < 1e-10:
+    free_matrix = normal.matrix[np.ix_(free_indices, free_indices)]
+    scale = np.sqrt(np.maximum(np.diag(free_matrix), 0))
+    if not (scale > 0).all() or np.linalg.eigvalsh(free_matrix / np.outer(scale, scale))[0] < 1e-10:
         raise DegeneracyError(
             f"{normal.n_sources} sources do not determine the {len(free_indices)} coefficients that are fitted freely"
         )
@@ -369,7 +369,7 @@ def _eliminate_free_degrees(normal, free_indices, indices):
     return matrix, rhs, float(normal.chi2_null - gain)
 
 
-def _eigen(matrix, rhs, shape):
+def _diagonalise(matrix, rhs, shape):
     """Eigenvalues λ of D^½ N' D^½, and the squares of the right-hand side along them."""
     root = np.sqrt(shape)
     values, vectors = np.linalg.eigh(matrix * np.outer(root, root))
@@ -381,8 +381,8 @@ def squared_scale_nodes(likelihood: Likelihood, best: Maximum) -> tuple[FloatArr
     if not likelihood.noise_scale:
         return np.ones(1), np.ones(1)
     reach = 4.5 * np.sqrt(2 / likelihood.n_data)
-    logs, weight = gauss_nodes(9, -reach, reach)
-    return best.noise_scale**2 * np.exp(logs), weight
+    log_scale2, weight = gauss_nodes(9, -reach, reach)
+    return best.noise_scale**2 * np.exp(log_scale2), weight
 
 
 def gauss_nodes(number: int, low: float, high: float) -> tuple[FloatArray, FloatArray]:
@@ -391,22 +391,22 @@ def gauss_nodes(number: int, low: float, high: float) -> tuple[FloatArray, Float
     return low + (high - low) * (node + 1) / 2, weight * (high - low) / 2
 
 
-def span_of(likelihood: Likelihood, best: Maximum, k: int) -> tuple[float, float]:
+def find_span(likelihood: Likelihood, best: Maximum, k: int) -> tuple[float, float]:
     """Range in which √A_k is followed, the others at their maximum."""
     tau = best.noise_scale**2
-    highest = likelihood.profile(best.amplitudes / tau)
+    highest = likelihood.profile_log_likelihood(best.amplitudes / tau)
 
     def has_dropped(x):
         amplitudes = np.array(best.amplitudes)
         amplitudes[k] = x * x
-        return highest - likelihood.profile(amplitudes / tau) > _DROP
+        return highest - likelihood.profile_log_likelihood(amplitudes / tau) > _DROP
 
-    top = np.sqrt(best.amplitudes[k])
+    root = np.sqrt(best.amplitudes[k])
     step = np.sqrt(likelihood.unit[k] * tau)
-    upper = top + step
-    while not has_dropped(upper) and upper < 1e6 * (top + step):
-        upper = top + 1.5 * (upper - top)
-    return (0.0 if not has_dropped(0.0) else _bisect_edge(has_dropped, 0.0, top)), upper
+    upper = root + step
+    while not has_dropped(upper) and upper < 1e6 * (root + step):
+        upper = root + 1.5 * (upper - root)
+    return (0.0 if not has_dropped(0.0) else _bisect_edge(has_dropped, 0.0, root)), upper
 
 
 def _bisect_edge(is_outside, outside, inside):
@@ -464,8 +464,8 @@ def equations_of(source: Any, scalars: bool = False) -> NormalEquations:
 
 def error_source_of(source: Any) -> tuple[str, ErrorSource]:
     """Source of the errors, in words and as an ErrorSource; normal equations have those of the catalogue."""
-    about = _underlying_solution(source)
-    return (getattr(about, "errors_from", "the catalogue"), getattr(about, "error_source", ErrorSource.CATALOGUE))
+    solution = _underlying_solution(source)
+    return (getattr(solution, "errors_from", "the catalogue"), getattr(solution, "error_source", ErrorSource.CATALOGUE))
 
 
 def should_fit_scale(source: Any, noise_scale: bool | None) -> bool:
@@ -474,15 +474,15 @@ def should_fit_scale(source: Any, noise_scale: bool | None) -> bool:
     return error_source_of(source)[1] == ErrorSource.CATALOGUE if option is None else option
 
 
-def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[int, ...]:
-    """Degrees that are among those fitted, in order, each once."""
+def check_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[int, ...]:
+    """Check that degrees are among those fitted, and return them in order, each once."""
     try:
-        values = list(degrees) if isinstance(degrees, Iterable) else [degrees]
-        unique_degrees = sorted({int(degree) for degree in values if int(degree) == degree})
+        requested = list(degrees) if isinstance(degrees, Iterable) else [degrees]
+        unique_degrees = sorted({int(degree) for degree in requested if int(degree) == degree})
     except (TypeError, ValueError, OverflowError, np.ma.MaskError):
         unique_degrees = []
     lowest = modes.lowest
-    if not unique_degrees or len(unique_degrees) != len(set(values)):
+    if not unique_degrees or len(unique_degrees) != len(set(requested)):
         raise ModesError(f"{name} must be whole numbers from {lowest} on, one at least, not {degrees!r}")
     missing = [l for l in unique_degrees if not lowest <= l <= modes.lmax]
     if missing:
@@ -496,7 +496,7 @@ def coefficient_indices(modes: Modes, degrees: Iterable[int]) -> IntArray:
     return np.flatnonzero(np.isin(modes.degrees, list(degrees)))
 
 
-def degrees_text(degrees: Sequence[int]) -> str:
+def format_degrees(degrees: Sequence[int]) -> str:
     """Degrees as a reader sees them: "2, 3", "2 to 7"."""
     degrees = list(degrees)
     if len(degrees) > 2 and degrees == list(range(degrees[0], degrees[-1] + 1)):

@@ -70,11 +70,11 @@ def plot_cross(powers: Any, *, ax: Axes | None = None) -> Axes:
     axes.axhspan(-1, 1, color="0.9", linewidth=0)
     axes.axhspan(-2, 2, color="0.95", linewidth=0, zorder=0)
     for k, name in enumerate(names):
-        at = np.array([template == name for template in powers.templates]) & (powers.degrees > 1)
-        x = powers.degrees[at] + 0.6 * ((k + 0.5) / len(names) - 0.5)
-        size = powers.values[at] / powers.errors_with_floor[at]
+        is_shown = np.array([template == name for template in powers.templates]) & (powers.degrees > 1)
+        x = powers.degrees[is_shown] + 0.6 * ((k + 0.5) / len(names) - 0.5)
+        deviations = powers.values[is_shown] / powers.errors_with_floor[is_shown]
         colour, marker = COLOURS[k % len(COLOURS)], "os^D"[k // len(COLOURS) % 4]
-        axes.plot(x, size, marker, markersize=3.5, color=colour, label=name)
+        axes.plot(x, deviations, marker, markersize=3.5, color=colour, label=name)
     axes.axhline(0, color="0.7", linewidth=0.8)
     degrees = np.arange(2, powers.degrees.max() + 1)
     axes.set(xticks=degrees, xlabel="degree", ylabel="projection on the template / its error")
@@ -102,8 +102,8 @@ def plot_shared(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
         for k, axis in enumerate("xyz" if vectors else ""):
             series[axis] = [(vector.value[k], vector.sigma[k]) for vector in vectors]
         for k, (axis, pairs) in enumerate(series.items()):
-            at, (values, errors) = positions + 0.2 * (k - (len(series) - 1) / 2), zip(*pairs, strict=True)
-            axes.errorbar(values, at, xerr=errors, fmt="o", markersize=3, color=COLOURS[k], label=axis or None)
+            heights, (values, errors) = positions + 0.2 * (k - (len(series) - 1) / 2), zip(*pairs, strict=True)
+            axes.errorbar(values, heights, xerr=errors, fmt="o", markersize=3, color=COLOURS[k], label=axis or None)
         axes.axvline(0, color="0.7", linewidth=0.8)
         axes.set_yticks(positions, wrapped if axes is subplots[0] else [""] * len(labels))
         axes.set(ylim=(len(labels) - 0.5, -0.5), xlabel=f"{names.get(attribute, attribute)}\n[{classes.unit}]")

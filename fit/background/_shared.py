@@ -24,14 +24,14 @@ from fit.background._blocks import (
     EFFECTIVE,
     ClassEquations,
     ShapeDraws,
-    condition_of,
+    compute_condition,
     parities,
     reduce_class_equations,
     resample_draws,
     sample_shapes,
 )
 from fit.background._floor import SCALAR_SHAPES, SHAPES, usual_shapes
-from fit.background._likelihood import degrees_text, equations_of, should_fit_scale
+from fit.background._likelihood import equations_of, format_degrees, should_fit_scale
 from fit.normal import NormalEquations, eliminate
 from fit.results.output import format_components
 from fit.results.quality import ErrorSource, gls
@@ -54,7 +54,7 @@ PART = 100.0
 #: Equations of so many degrees more allow for that.
 BEYOND = 3
 #: Beyond this condition of its normal matrix a class sees too little of the sky to separate degrees.
-_CAP = 1e5
+_MAX_CONDITION = 1e5
 
 
 class Verdict(NamedTuple):
@@ -138,7 +138,7 @@ class ClassComparison(Result):
         return len(self.labels)
 
     def __repr__(self) -> str:
-        return f"<ClassComparison: {len(self)} classes, degrees {degrees_text(self.degrees)}>"
+        return f"<ClassComparison: {len(self)} classes, degrees {format_degrees(self.degrees)}>"
 
     @property
     def parameters(self) -> dict[str, tuple[str, slice]]:
@@ -197,7 +197,7 @@ class ClassComparison(Result):
         less : int, optional
             Number of another that is subtracted: whether the two are alike.
         """
-        block = self._block(kind)
+        block = self._slice_of_kind(kind)
         row = np.eye(len(self))[i] - (0 if less is None else np.eye(len(self))[less])
         return contrast_p_value(self.means[:, :, block], self.covariances[:, :, block][..., block], row[None])
 
@@ -216,10 +216,10 @@ class ClassComparison(Result):
         ParameterError
             If there is not one number a class, or they are all the same.
         """
-        at = np.arange(len(self), dtype=float) if x is None else np.asarray(list(x), float)
-        if at.shape != (len(self),) or not np.ptp(at) > 0:
+        positions = np.arange(len(self), dtype=float) if x is None else np.asarray(list(x), float)
+        if positions.shape != (len(self),) or not np.ptp(positions) > 0:
             raise ParameterError(f"a trend needs a place for each of {len(self)} classes, not all the same")
-        return self._p_value(kind, at)
+        return self._p_value(kind, positions)
 
     def verdict(self, n: int = 4000, rng: Rng = 1) -> Verdict:
         """Test whether the dipole changes along the classes: the largest difference, after allowing for the search.
@@ -235,26 +235,26 @@ class ClassComparison(Result):
         rng : Generator or int
             The source of all randomness.
         """
-        draw, size = generator(rng), self.values.size
+        random, size = generator(rng), self.values.size
         skies_per_draw = max(1, whole("n", n) // len(self.means))
         skies = [self.values.reshape(1, size)]
         for covariance in self.covariances.reshape(-1, size, size):
             root = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) * np.eye(size))
-            skies.append(draw.normal(size=(skies_per_draw, size)) @ root.T)
-        draws = np.concatenate(skies).reshape(-1, *self.values.shape)
-        chances, ranks, names = [], [], []
+            skies.append(random.normal(size=(skies_per_draw, size)) @ root.T)
+        class_values = np.concatenate(skies).reshape(-1, *self.values.shape)
+        p_values, ranks, names = [], [], []
         for row, kind, name in self._contrasts():
-            block = self._block(kind)
-            contrast_covariance = np.einsum("i,iajb,j->ab", row, self._blocks()[:, block][:, :, :, block], row)
-            differences = np.einsum("i,nia->na", row, draws[:, :, block])
-            sizes = np.einsum("na,ab,nb->n", differences, np.linalg.inv(contrast_covariance), differences)
-            chances.append(chdtrc(block.stop - block.start, sizes))
-            ranks.append((chances[-1][0], -sizes[0] / (block.stop - block.start)))  # by size where p underflows
+            block = self._slice_of_kind(kind)
+            contrast_covariance = np.einsum("i,iajb,j->ab", row, self._full_covariance()[:, block][:, :, :, block], row)
+            differences = np.einsum("i,nia->na", row, class_values[:, :, block])
+            chi2 = np.einsum("na,ab,nb->n", differences, np.linalg.inv(contrast_covariance), differences)
+            p_values.append(chdtrc(block.stop - block.start, chi2))
+            ranks.append((p_values[-1][0], -chi2[0] / (block.stop - block.start)))  # by size where p underflows
             names.append(name)
-        least = np.min(chances, axis=0)
+        smallest = np.min(p_values, axis=0)
         index = ranks.index(min(ranks))
-        p = float((1 + np.sum(least[1:] <= least[0])) / len(least))
-        return Verdict(p, float(least[0]), names[index], len(names))
+        p = float((1 + np.sum(smallest[1:] <= smallest[0])) / len(smallest))
+        return Verdict(p, float(smallest[0]), names[index], len(names))
 
     def power(self, kind: str) -> tuple[float, float, float]:
         """Median and 68 % interval of the common systematic error of a component. [µas/yr]
@@ -264,8 +264,8 @@ class ClassComparison(Result):
         kind : {"T", "S"} or "dipole"
             For the spin or the acceleration, or the dipole of a scalar field.
         """
-        names = [each for each in self.parameters if each != "mean"]
-        common = self.shares[:, names.index(choice("kind", kind, names))]
+        kinds = [each for each in self.parameters if each != "mean"]
+        common = self.shares[:, kinds.index(choice("kind", kind, kinds))]
         smallest = common.min((1, 2)) if len(self) > 1 else common[:, 0, 0]
         unit = ScalarSpectrum.flat().dipole_error if kind == "dipole" else Spectrum.flat().spin_error
         errors = np.sqrt(np.maximum(smallest, 0)) * unit
@@ -273,7 +273,7 @@ class ClassComparison(Result):
         return float(middle), float(lower), float(upper)
 
     def _sections(self, long):
-        facts = [("degrees", f"{degrees_text(self.degrees)}, {self.frame} axes")]
+        facts = [("degrees", f"{format_degrees(self.degrees)}, {self.frame} axes")]
         sigma = np.sqrt(np.diag(self.amplitude_covariance))
         for name, value, error in zip(self.templates, self.amplitudes, sigma, strict=True):
             text = f"{format_with_error(value, error, '+')} {self.unit}, {value / error:+.1f} errors"
@@ -355,11 +355,11 @@ class ClassComparison(Result):
 
         return plot_shared(self, ax=ax)
 
-    def _blocks(self):
+    def _full_covariance(self):
         return self.covariance.reshape(2 * self.values.shape)
 
-    def _block(self, kind):
-        """The place of a kind among the parameters."""
+    def _slice_of_kind(self, kind):
+        """The place of a kind of parameters, "T" say, among those of a class, as a slice."""
         return self.parameters[choice("kind", kind, tuple(self.parameters))][1]
 
     def combination(self, weights: ArrayLike) -> Solution:
@@ -373,7 +373,7 @@ class ClassComparison(Result):
         row = np.asarray(weights, float)
         n_sources = sum(n for n, weight in zip(self.n_sources, row, strict=True) if weight)
         values = row @ self.values
-        covariance = np.einsum("i,iajb,j->ab", row, self._blocks(), row)
+        covariance = np.einsum("i,iajb,j->ab", row, self._full_covariance(), row)
         return self._degree_one_solution(values, covariance, n_sources)
 
     def _degree_one_solution(self, values, covariance, n_sources):
@@ -385,23 +385,23 @@ class ClassComparison(Result):
             n_data=len(values) // 3 * n_sources,
             frame=self.frame,
             unit=self.unit,
-            errors_from=f"normal equations, with systematic errors, degrees {degrees_text(self.degrees)}",
+            errors_from=f"normal equations, with systematic errors, degrees {format_degrees(self.degrees)}",
             error_source=ErrorSource.JOINT,
             includes_floor=True,
         )
 
-    def _p_value(self, kind, x):
+    def _p_value(self, kind, positions):
         if len(self) < 2:
             raise ParameterError("a comparison needs two classes at least, not one")
-        block = slice(None) if kind is None else self._block(kind)
-        design, total = np.ones((len(self), 1)), 0.0
+        block = slice(None) if kind is None else self._slice_of_kind(kind)
+        design, p_sum = np.ones((len(self), 1)), 0.0
         for mean, covariance in zip(self.means[:, :, block], self.covariances[:, :, block][..., block], strict=True):
             flat, width = covariance.reshape(mean.size, mean.size), mean.shape[1]
             misfit, dof = gls(mean, flat, design)[1], mean.size - width
-            if x is not None:
-                misfit, dof = misfit - gls(mean, flat, np.c_[design, x - x.mean()])[1], width
-            total += chdtrc(dof, max(misfit, 0.0))
-        return float(total / len(self.means))
+            if positions is not None:
+                misfit, dof = misfit - gls(mean, flat, np.c_[design, positions - positions.mean()])[1], width
+            p_sum += chdtrc(dof, max(misfit, 0.0))
+        return float(p_sum / len(self.means))
 
     def _contrasts(self):
         """Edges between neighbours, low against high by their information, and a slope, for spin and acceleration."""
@@ -500,11 +500,11 @@ def shared(
     >>> bool(classes.equality() > 0.01)
     True
     """
-    generator_ = generator(rng)
+    random = generator(rng)
     lots, modes, notes, facts = sample_class_errors(
-        normals, degrees, labels=labels, shapes=shapes, own=own, draws=draws, noise_scale=noise_scale, rng=generator_
+        normals, degrees, labels=labels, shapes=shapes, own=own, draws=draws, noise_scale=noise_scale, rng=random
     )
-    return average_draws(lots, modes, generator_, notes=notes, **facts)
+    return average_draws(lots, modes, random, notes=notes, **facts)
 
 
 def sample_class_errors(
@@ -527,38 +527,38 @@ def sample_class_errors(
     inputs = [normals] if isinstance(normals, NormalEquations | Solution) else list(normals)
     if not inputs:
         raise ParameterError("there are no classes: give normal equations, one a class")
-    equations = [equations_of(each, scalars=True) for each in inputs]
-    if len({type(each.modes) for each in equations}) > 1:
+    equations = [equations_of(source, scalars=True) for source in inputs]
+    if len({type(normal.modes) for normal in equations}) > 1:
         raise ModesError("classes are motions and numbers: compare those of one kind")
-    frames = {each.frame for each in equations}
+    frames = {normal.frame for normal in equations}
     if len(frames) > 1:
         raise FrameError(f"classes are in {' and '.join(sorted(map(str, frames)))}: take all to one frame")
-    units = {each.unit for each in equations} - {None}
+    units = {normal.unit for normal in equations} - {None}
     if len(units) > 1:
         raise ParameterError(f"classes are in {' and '.join(sorted(map(str, units)))}: take all to one unit")
-    templates = [tuple(each.name for each in normal.templates) for normal in equations]
-    if any(each != templates[0] for each in templates):
+    templates = [tuple(template.name for template in normal.templates) for normal in equations]
+    if any(names != templates[0] for names in templates):
         raise ParameterError("classes have different templates: give all of them the same maps")
-    scale_flags = [should_fit_scale(each, noise_scale) for each in inputs]
+    scale_flags = [should_fit_scale(source, noise_scale) for source in inputs]
     names = tuple(f"class {k + 1}" for k in range(len(inputs))) if labels is None else tuple(map(str, labels))
     if len(names) != len(inputs):
         raise ParameterError(f"{len(names)} labels for {len(inputs)} classes")
-    modes = type(equations[0].modes)(_highest_degree(equations, degrees))
+    modes = type(equations[0].modes)(_choose_highest_degree(equations, degrees))
     spectra = spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes, modes)
-    draws, own_modes = whole("draws", draws), None if free is None else free(modes)
+    draws, is_free = whole("draws", draws), None if free is None else free(modes)
 
     def draw_lots(classes):
         return sample_shapes(classes, modes, spectra, own, draws, rng)
 
-    classes, notes = _reduce_classes(equations, names, modes, scale_flags, own_modes)
+    classes, notes = _reduce_classes(equations, names, modes, scale_flags, is_free)
     notes += _leakage_notes(equations, classes, names, modes) if len(classes) > 1 else []
     lots = draw_lots(classes)
-    if any(each.modes.lmax > modes.lmax for each in equations):
-        equations = _without_leakage(equations, lots, modes)
+    if any(normal.modes.lmax > modes.lmax for normal in equations):
+        equations = _marginalise_leakage(equations, lots, modes)
         # What was noted of them above stays.
-        lots = draw_lots(_reduce_classes(equations, names, modes, scale_flags, own_modes)[0])
+        lots = draw_lots(_reduce_classes(equations, names, modes, scale_flags, is_free)[0])
     facts = {
-        "labels": names, "n_sources": tuple(each.n_sources for each in equations),
+        "labels": names, "n_sources": tuple(normal.n_sources for normal in equations),
         "frame": equations[0].frame or "icrs", "unit": equations[0].unit or "",
         "templates": templates[0],
     }  # fmt: skip
@@ -571,7 +571,7 @@ def _few_draws_notes(lots):
     return ["few draws of the systematic errors count: give more of them (draws=), or merge classes"]
 
 
-def _without_leakage(equations, lots, modes):
+def _marginalise_leakage(equations, lots, modes):
     """Equations of `modes` alone: higher degrees have the power that a first estimate, `lots`, gives them."""
     all_modes = max((normal.modes for normal in equations), key=len)
     powers = class_variances(lots, all_modes)
@@ -588,7 +588,7 @@ def _leakage_notes(equations, classes, names, modes):
     leaky_classes = [
         name
         for normal, condition, name in zip(equations, classes.condition, names, strict=True)
-        if PART < condition <= _CAP and normal.modes.lmax < modes.lmax + BEYOND
+        if PART < condition <= _MAX_CONDITION and normal.modes.lmax < modes.lmax + BEYOND
     ]
     if not leaky_classes:
         return []
@@ -614,7 +614,7 @@ def average_draws(
     )  # fmt: skip
 
 
-def _highest_degree(equations, degrees):
+def _choose_highest_degree(equations, degrees):
     limit = min(normal.modes.lmax for normal in equations)
     if degrees is None:
         highest = limit
@@ -653,7 +653,7 @@ def _reduce_classes(equations, names, modes, scale_flags, is_free=None) -> tuple
             classes.append(reduce_class_equations(normal, modes, own_scale, is_free))
         except DegeneracyError as error:
             raise DegeneracyError(f"{name}: {error}") from None
-        if classes[-1].condition[0] > _CAP:
+        if classes[-1].condition[0] > _MAX_CONDITION:
             notes.append(
                 f"warning: the class {name} sees too little of the sky to tell degrees to {modes.lmax} apart, and its "
                 "errors rest on the assumed spectra: a larger class, or lower degrees, would say more by themselves"
@@ -666,9 +666,9 @@ def compare_classes_jointly(
 ) -> ClassComparison:
     """Compute `shared` from the normal equations of all classes together, (K, p, K, p) and (K, p)."""
     classes = ClassEquations.from_joint_equations(matrix, rhs, modes)
-    draw, spectra = generator(rng), spectra_of(usual_shapes(modes.lmax), modes)
-    lots = sample_shapes(classes, modes, spectra, "each", draws, draw)
-    return average_draws(lots, modes, draw, notes=_few_draws_notes(lots), **facts)
+    random, spectra = generator(rng), spectra_of(usual_shapes(modes.lmax), modes)
+    lots = sample_shapes(classes, modes, spectra, "each", draws, random)
+    return average_draws(lots, modes, random, notes=_few_draws_notes(lots), **facts)
 
 
 def extend_degrees(
@@ -676,17 +676,17 @@ def extend_degrees(
 ) -> list[NormalEquations]:
     """Equations of classes, or what `make` makes of all to three degrees more where one sees a part of the sky."""
     lmax = normals[0].modes.lmax
-    if not any(sees_part(each, lmax) for each in normals):
+    if not any(sees_part(normal, lmax) for normal in normals):
         return list(normals)
-    return [make(each, lmax + BEYOND) for each in classes]
+    return [make(sources, lmax + BEYOND) for sources in classes]
 
 
 def sees_part(normal: NormalEquations, lmax: int) -> bool:
     """Return whether sources are so few, or see so small a part of the sky, that higher degrees leak into those to
     `lmax`."""
-    at = np.flatnonzero(normal.modes.degrees <= lmax)
+    low_indices = np.flatnonzero(normal.modes.degrees <= lmax)
     try:
-        return condition_of(normal.matrix[np.ix_(at, at)]) > PART
+        return compute_condition(normal.matrix[np.ix_(low_indices, low_indices)]) > PART
     except DegeneracyError:  # an empty class: that is said elsewhere
         return False
 

@@ -9,10 +9,10 @@ import numpy as np
 from fit.background._amplitude import Amplitude, posteriors
 from fit.background._likelihood import (
     Likelihood,
+    check_degrees,
     coefficient_indices,
-    degrees_text,
     equations_of,
-    fitted_degrees,
+    format_degrees,
     parity_p_value,
     should_fit_scale,
 )
@@ -30,8 +30,8 @@ from vsh.tools.units import JULIAN_YEAR, hubble_rate
 
 #: km in a megaparsec.
 MPC = 3.0856775814913673e19
-#: What each kind of limit takes for equally likely a priori.
-KINDS = {"flat": "exact likelihood, flat in Ω", "root": "exact likelihood, flat in √Ω",
+#: What each prior takes for equally likely, in words.
+PRIOR_TITLES = {"flat": "exact likelihood, flat in Ω", "root": "exact likelihood, flat in √Ω",
          "coefficients": "coefficients flat: quantile of (6/5) P_2/(4π H0²)"}  # fmt: skip
 
 
@@ -79,12 +79,12 @@ class WaveLimit(Result):
     years: float | None = None
 
     def __repr__(self) -> str:
-        return f"<WaveLimit: h70² Ω < {self.limit():.3g} (95 %, flat in Ω), {self._data}>"
+        return f"<WaveLimit: h70² Ω < {self.limit():.3g} (95 %, flat in Ω), {self._degrees_in_words}>"
 
     @property
-    def _data(self):
-        """Data of the limit, in words."""
-        return f"degree{'s' * (len(self.degrees) > 1)} {degrees_text(self.degrees)}"
+    def _degrees_in_words(self):
+        """The degrees that the limit is from, in words."""
+        return f"degree{'s' * (len(self.degrees) > 1)} {format_degrees(self.degrees)}"
 
     @property
     def maximum(self) -> float:
@@ -160,13 +160,13 @@ class WaveLimit(Result):
     def answer(self) -> Answer:
         """The line to quote: the limit on the energy in waves."""
         name = "h70² Ω" if self.hubble == 70 else "Ω"
-        return Answer((("waves", f"{name} < {self.limit():.3g} (95 %, flat in Ω), {self._data}"),))
+        return Answer((("waves", f"{name} < {self.limit():.3g} (95 %, flat in Ω), {self._degrees_in_words}"),))
 
     def _sections(self, long):
         lower, upper = self.interval
         name = "h70² Ω" if self.hubble == 70 else "Ω"
-        has_limit = {prior: prior != "coefficients" or np.isfinite(self.squares).all() for prior in KINDS}
-        limits: list[Any] = [self.limit(0.95, prior) if has_limit[prior] else np.nan for prior in KINDS]  # type: ignore[arg-type]
+        has_limit = {prior: prior != "coefficients" or np.isfinite(self.squares).all() for prior in PRIOR_TITLES}
+        limits: list[Any] = [self.limit(0.95, prior) if has_limit[prior] else np.nan for prior in PRIOR_TITLES]  # type: ignore[arg-type]
         p = printed_p_value(self.parity_p_value)
         systematics = f"; marginalised: systematics, {', '.join(self.systematics)}" if self.systematics else ""
         band = "f < 1/T with T the time over which the motions were measured"
@@ -174,14 +174,14 @@ class WaveLimit(Result):
             band = f"f < 1/T = {self.frequency(self.years) * 1e9:.3g} nHz (T = {self.years:g} yr)"
             band += f"; if all of it is there, h_c < {self.strain(self.years):.2e} (95 %, flat in Ω)"
         facts = [
-            ("from", f"{self._data}; {self.n_data // 2} sources"),
+            ("from", f"{self._degrees_in_words}; {self.n_data // 2} sources"),
             ("likeliest", f"{self.maximum:.4g} ({lower:.4g} … {upper:.4g}, 68 %, flat in Ω)"),
             ("P_2", f"{self.power:.4g} (µas/yr)², of which noise gives {self.noise_power:.4g} on average"),
             ("parity", f"P_T2 and P_S2, equal for waves, differ with a p-value of {p}"),
             ("errors", f"scaled by {self.noise_scale:.4g}{systematics}"),
             ("band", band),
         ]
-        table = tables.table_of({"prior": list(KINDS.values()), f"{name} below (95 %)": limits})
+        table = tables.table_of({"prior": list(PRIOR_TITLES.values()), f"{name} below (95 %)": limits})
         return (Section(f"Gravitational waves longer than the observations: {name}", facts, table, notes=self.notes),)
 
     def to_table(self) -> Table:
@@ -240,7 +240,7 @@ def wave_limit(
     limit on it is given.
     """
     equations = equations_of(normal)
-    degrees = fitted_degrees(equations.modes, degrees)
+    degrees = check_degrees(equations.modes, degrees)
     if degrees[0] < 2:
         raise ModesError("gravitational waves have no power in degree 1: name degrees from 2 on")
     fit_scale = should_fit_scale(normal, noise_scale)
@@ -319,8 +319,8 @@ def quadrupole_statistics(equations: NormalEquations, lmax: int, scaled: bool) -
         return float("nan"), float("nan"), np.full((2, len(quadrupole)), np.nan)
     covariance = np.linalg.inv(matrix)
     values = covariance @ rhs
-    scale = (equations.chi2_null - values @ rhs) / (equations.n_data - len(indices)) if scaled else 1.0
+    scale2 = (equations.chi2_null - values @ rhs) / (equations.n_data - len(indices)) if scaled else 1.0
     root = np.sqrt(modes.norm2[indices][quadrupole])
-    variances, vectors = np.linalg.eigh(scale * covariance[np.ix_(quadrupole, quadrupole)] * np.outer(root, root))
+    variances, vectors = np.linalg.eigh(scale2 * covariance[np.ix_(quadrupole, quadrupole)] * np.outer(root, root))
     shifts = vectors.T @ (root * values[quadrupole]) / np.sqrt(variances)
     return float(np.sum(variances * shifts**2)), float(variances.sum()), np.array([variances, shifts])

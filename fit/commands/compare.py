@@ -49,7 +49,7 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--match name|ARCSEC",
         "how sources are matched: by name (default), or by position within ARCSEC",
-        _matching,
+        _parse_matching,
         action=parsing.JoinValues,
     )
     add(
@@ -84,7 +84,7 @@ def make_parser() -> argparse.ArgumentParser:
     return parsing.add_common(parser)
 
 
-def _matching(text):
+def _parse_matching(text):
     """Parse how sources are matched: by what, and within which radius. [arcsec]"""
     if text in ("name", "position"):
         return {"by": text}
@@ -92,7 +92,7 @@ def _matching(text):
 
 
 #: Estimators of the differences, and the fewest replicates.
-_METHODS, _LEAST = ("least-squares", "student", "excess-noise", "bootstrap", "jackknife"), 10
+_METHODS, _MIN_REPLICATES = ("least-squares", "student", "excess-noise", "bootstrap", "jackknife"), 10
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
@@ -112,8 +112,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
             parser.error(f"--method of a comparison is clip or {', '.join(_METHODS)}, not {method}")
         if value is not None and method != "bootstrap":
             parser.error(f"--method {method} of a comparison takes no value")
-        if value is not None and not (value.isdecimal() and int(value) >= _LEAST):
-            parser.error(f"--method bootstrap takes {_LEAST} replicates at least, not {value}")
+        if value is not None and not (value.isdecimal() and int(value) >= _MIN_REPLICATES):
+            parser.error(f"--method bootstrap takes {_MIN_REPLICATES} replicates at least, not {value}")
     options.match = {"by": "name"} | (options.match or {})
 
 
@@ -121,13 +121,13 @@ def _run(options):
     run = finishing.Run(options)
     paths = [options.catalogue, options.catalogue2, *options.others]
     quantity = options.what or ("motions" if all(_has_motions(path, options) for path in paths) else "positions")
-    labels = _labels(paths)
-    reference = _read(paths[0], quantity, options, options.where)
+    labels = _make_labels(paths)
+    reference = _read_naming_file(paths[0], quantity, options, options.where)
     results, fields = {}, {}
     method: Any
     method, value = parsing.method_and_value(options.method)
     for path, label in zip(paths[1:], labels[1:], strict=True):
-        fields[label] = _read(path, quantity, options, options.where2 or options.where)
+        fields[label] = _read_naming_file(path, quantity, options, options.where2 or options.where)
         if options.crosswalk:
             fields[label] = vsh.io.catalogue.rename_sources(fields[label], options.crosswalk)
         results[label] = fit.compare.compare_catalogues(
@@ -137,7 +137,7 @@ def _run(options):
             **options.match,
             threshold=options.threshold,
             labels=(labels[0], label),
-            floor=_floor(options),
+            floor=_floor_choice(options),
             parameters=options.parameters,
             method=method,
             replicates=int(value or 1000),
@@ -149,7 +149,7 @@ def _run(options):
         report = [section for comparison in comparisons for section in comparison.sections(long=long)]
         return report if network is None else [*network.sections(long=long), *report]
 
-    def sheets():
+    def make_tables():
         tables = {} if network is None else {"All catalogues in one solution": network.to_table()}
         for label, (comparison, _) in results.items():
             of = f": {label}" if len(results) > 1 else ""
@@ -162,35 +162,35 @@ def _run(options):
                 tables[f"Sources that were left out{of}"] = comparison.outliers_table()
         return tables
 
-    answer = [
+    lines = [
         (f"{labels[0]} − {label}: {name}" if network is not None else name, text)
         for label, (comparison, _) in results.items()
         for name, text in comparison.answer.lines
         if network is None or name in ("deformation", "no comparison")
     ]
     if network is not None:  # one result to quote: that of all catalogues together, of each two of them
-        copies = [name.removesuffix("no comparison") for name, _ in answer if name.endswith("no comparison")]
-        joint = [line for line in network.answer.lines if not line[0].startswith(tuple(copies))]
-        answer = [*joint, *answer, ("errors", network.errors_in_words)]
+        prefixes = [name.removesuffix("no comparison") for name, _ in lines if name.endswith("no comparison")]
+        joint = [line for line in network.answer.lines if not line[0].startswith(tuple(prefixes))]
+        lines = [*joint, *lines, ("errors", network.errors_in_words)]
 
     def latex():
         joint = [] if network is None else [latex_table(part.table, part.title) for part in network.sections()]
-        return "\n\n".join([*joint, *map(_latex, comparisons)])
+        return "\n\n".join([*joint, *map(_format_latex, comparisons)])
 
     part = finishing.Part(
         "comparison",
         None,
         sections=sections,
-        tables=sheets,
+        tables=make_tables,
         plot=lambda: (
             {
                 f"{name}{_file_suffix(label, results)}": axes
                 for label, (comparison, differences) in results.items()
-                for name, axes in _draw(comparison, differences).items()
+                for name, axes in _draw_figures(comparison, differences).items()
             }
             | ({} if network is None else {"chain": network.plot()})
         ),
-        files=lambda folder, meta: _write(folder, results, network, meta),
+        files=lambda folder, meta: _write_files(folder, results, network, meta),
     )
     run.finish(
         [part],
@@ -198,16 +198,16 @@ def _run(options):
             *(comparison.solution.notes for comparison in comparisons), () if network is None else network.notes
         ),
         latex=latex,
-        answer=Answer(tuple(answer)),
+        answer=Answer(tuple(lines)),
         paths=paths,
-        counts=_counts(list(results.values())),
+        counts=_count_sources(list(results.values())),
         page=None if network is not None else partial(_write_page, *results[labels[1]], options),
         title=f"{labels[0]} beside {', '.join(labels[1:])}",
     )
 
 
-def _floor(options):
-    """Choose whether the floor is included; None where the number of sources decides."""
+def _floor_choice(options):
+    """The choice of the user to include the floor or not; None where the number of sources decides."""
     return None if options.floor is None else options.floor == "yes"
 
 
@@ -216,7 +216,7 @@ def _file_suffix(label, results):
     return f"_{label}" if len(results) > 1 else ""
 
 
-def _counts(results):
+def _count_sources(results):
     match_counts = [len(differences) + len(comparison.names) for comparison, differences in results]
     outlier_counts = [len(comparison.names) for comparison, _ in results]
     counts = {"matched": match_counts, "left_out": outlier_counts}
@@ -227,7 +227,7 @@ def _compare_several(catalogues, options):
     """All catalogues in one solution with their common noise; by position, sources have the names of the first."""
     if options.match["by"] == "position":
         catalogues = _rename_by_position(catalogues, options.match.get("radius"))
-    return fit.chain.combine_frames(catalogues, options.lmax, floor=_floor(options) is not False)
+    return fit.chain.combine_frames(catalogues, options.lmax, floor=_floor_choice(options) is not False)
 
 
 def _rename_by_position(catalogues, radius):
@@ -240,29 +240,29 @@ def _rename_by_position(catalogues, radius):
     return named
 
 
-def _write(folder, results, network, meta):
+def _write_files(folder, results, network, meta):
     if network is not None:
         network.write(folder / "chain.ecsv", meta)
     for label, (comparison, _) in results.items():
-        of = _file_suffix(label, results)
-        comparison.write(folder / f"comparison{of}.ecsv", meta)
-        comparison.best.write(folder / f"solution{of}.ecsv", meta)
-        fit.output.write_correlation(comparison.best, folder / f"correlation{of}.ecsv", meta)
+        suffix = _file_suffix(label, results)
+        comparison.write(folder / f"comparison{suffix}.ecsv", meta)
+        comparison.best.write(folder / f"solution{suffix}.ecsv", meta)
+        fit.output.write_correlation(comparison.best, folder / f"correlation{suffix}.ecsv", meta)
         if comparison.shared is not None:
-            comparison.shared.write(folder / f"shared{of}.ecsv", meta)
-        vsh.io.tables.write_table(comparison.parameters_table(), folder / f"parameters{of}.ecsv", meta)
-        vsh.io.tables.write_table(comparison.outliers_table(), folder / f"outliers{of}.ecsv", meta)
+            comparison.shared.write(folder / f"shared{suffix}.ecsv", meta)
+        vsh.io.tables.write_table(comparison.parameters_table(), folder / f"parameters{suffix}.ecsv", meta)
+        vsh.io.tables.write_table(comparison.outliers_table(), folder / f"outliers{suffix}.ecsv", meta)
 
 
-def _latex(comparison):
+def _format_latex(comparison):
     """Format tables for a paper: parameters under their names with the errors of the verdict, then vectors and
     powers."""
     table = comparison.parameters_table()["ICRF3", "value", "sigma"]
-    terms = latex_table(table, " − ".join(comparison.labels))
-    return f"{terms}\n\n{fit.output.latex_of(comparison.best, answer=comparison.answer)}"
+    parameters = latex_table(table, " − ".join(comparison.labels))
+    return f"{parameters}\n\n{fit.output.latex_of(comparison.best, answer=comparison.answer)}"
 
 
-def _draw(comparison, differences):
+def _draw_figures(comparison, differences):
     figures = fit.output.draw_figures(comparison.best, differences) | {"catalogues": comparison.correlations.plot()}
     return figures if comparison.shared is None else figures | {"shared": comparison.shared.plot()}
 
@@ -303,7 +303,7 @@ def _has_motions(path, options):
         return False
 
 
-def _read(path, quantity, options, condition):
+def _read_naming_file(path, quantity, options, condition):
     return reading.read_one_of_several(path, lambda: _read_catalogue(path, quantity, options, condition))
 
 
@@ -325,7 +325,7 @@ def _read_catalogue(path, quantity, options, condition):
     )
 
 
-def _labels(paths):
+def _make_labels(paths):
     names = [Path(path).stem for path in paths]
     if len(set(names)) == len(names):
         return names

@@ -38,7 +38,7 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--influence NAME,NAME",
         "map what drives the correlation of two parameters, or the variance of one | omega_y,a_x; may be repeated",
-        _parameter_names,
+        _parse_parameter_names,
         action="append",
     )
     add("--leakage L", "compute the bias of the fit that is caused by unfitted degrees up to L", parsing.count(2))
@@ -53,7 +53,7 @@ def make_parser() -> argparse.ArgumentParser:
     return parsing.add_common(parser)
 
 
-def _parameter_names(text):
+def _parse_parameter_names(text):
     parameters = tuple(name.strip() for name in re.findall(r"[^,()]+(?:\([^)]*\))?", text))
     if len(parameters) not in (1, 2) or not all(parameters) or len(set(parameters)) != len(parameters):
         raise argparse.ArgumentTypeError(f"one or two different names are expected, not {text!r}")
@@ -77,8 +77,8 @@ def _run(options):
     sources = [reading.open_catalogue(path, options) for path in paths]
     if reading.is_in_parts(options) and options.influence:
         raise VshError("--influence looks at every source: it needs the catalogue whole, without --workers")
-    fields = [_sources(*pair, options) for pair in zip(paths, sources, strict=True)]
-    labels = _labels(paths)
+    fields = [_read_sources(*pair, options) for pair in zip(paths, sources, strict=True)]
+    labels = _make_labels(paths)
     parameters: Any = FRAME if options.lmax == 1 else options.lmax
     matrices = fit.correlation.correlation_matrices(fields, parameters, labels=labels)
     remarks = []
@@ -95,10 +95,10 @@ def _run(options):
             parts.append(_influence_part(field, label, pair, options.lmax))
             details.append(_influence_section(field, label, pair, options.lmax))
         if options.leakage:
-            leak = fit.correlation.leakage(field, options.lmax, options.leakage)
-            parts.append(finishing.Part(f"leakage_{label}", leak, f"Leakage, {label}", _LEAKAGE, as_table=True))
-            details.append(_leakage_section(leak, label, options.power_per_degree))
-    notes = [f"{label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _notes(field)]
+            leakage = fit.correlation.leakage(field, options.lmax, options.leakage)
+            parts.append(finishing.Part(f"leakage_{label}", leakage, f"Leakage, {label}", _LEAKAGE, as_table=True))
+            details.append(_leakage_section(leakage, label, options.power_per_degree))
+    notes = [f"{label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _notes_of(field)]
 
     def sections(long):
         (section,) = matrices.sections(long=long)
@@ -111,16 +111,16 @@ def _run(options):
         answer=Answer(tuple(_answer_lines(matrices))),
         notes=notes,
         paths=paths,
-        counts={"sources": [_count(f) for f in fields]},
+        counts={"sources": [_count_sources(f) for f in fields]},
         title=f"What the sky of {' and '.join(labels)} cannot separate",
     )
 
 
-def _notes(field):
+def _notes_of(field):
     return next(iter(field)).notes if isinstance(field, vsh.io.parts.Parts) else field.notes
 
 
-def _count(field):
+def _count_sources(field):
     return field.counted() if isinstance(field, vsh.io.parts.Parts) else len(field)
 
 
@@ -131,7 +131,7 @@ def _answer_lines(matrices):
         yield label, f"largest correlation {value:+.3f}, of {parameter_a} and {parameter_b}"
 
 
-def _sources(path, source, options):
+def _read_sources(path, source, options):
     """Positions and errors, whole or in parts."""
     if reading.is_in_parts(options):
         arguments = reading.parts_arguments(options)
@@ -141,7 +141,7 @@ def _sources(path, source, options):
     return vsh.io.catalogue.read_sources(catalogue, sigma=options.sigma, **arguments).to_frame(options.frame)
 
 
-def _labels(paths):
+def _make_labels(paths):
     names = [Path(path).stem for path in paths]
     return names if len(set(names)) == len(names) else [f"{name}_{k}" for k, name in enumerate(names, 1)]
 
@@ -170,8 +170,8 @@ def _influence_section(field, label, pair, lmax):
     k = int(np.argmax(np.abs(coarse)))
     if len(pair) == 2:
         covariance = fit.correlation.predict_covariance(field, lmax).covariance
-        now = correlation_of(fit.correlation.select_parameters(pair, lmax).covariance(covariance))[0, 1]
-        quantity = f"correlation of {pair[0]} and {pair[1]}, {now:+.4f}"
+        correlation = correlation_of(fit.correlation.select_parameters(pair, lmax).covariance(covariance))[0, 1]
+        quantity = f"correlation of {pair[0]} and {pair[1]}, {correlation:+.4f}"
     else:
         quantity = f"ln σ² of {pair[0]}"
     region = f"the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°"
@@ -189,23 +189,23 @@ def _leakage_section(leak, label, power):
 
 
 #: HEALPix NSIDE of maps of what drives a correlation.
-_NSIDE = 16
+_INFLUENCE_NSIDE = 16
 
 
 def _influence_part(field, label, pair, lmax):
     """The map of an influence as a part of the result."""
-    values = fit.correlation.influence_map(field, lmax, pair, _NSIDE)
+    values = fit.correlation.influence_map(field, lmax, pair, _INFLUENCE_NSIDE)
     name = f"influence_{label}_{'_'.join(pair)}".replace("(", "").replace(")", "").replace(",", "")
     symbols = " and ".join(map(fit.correlation.symbol, pair))
     quantity = f"correlation of {symbols}" if len(pair) == 2 else f"ln σ² of {symbols}"
     title, unit = f"{label}:\nwhat drives the {quantity}", "change per doubling of weight"
-    about = {"ORDERING": "RING", "FRAME": field.frame}
+    metadata = {"ORDERING": "RING", "FRAME": field.frame}
     return finishing.Part(
         name,
         None,
         caption="Which part of the sky causes it: the change if the weight of the sources there were doubled.",
         plot=lambda: fit.correlation.plot_influence(values, field, title, unit),
-        files=lambda folder, _: vsh.io.tables.write_columns(folder / f"{name}.fits", {"influence": values}, about),
+        files=lambda folder, _: vsh.io.tables.write_columns(folder / f"{name}.fits", {"influence": values}, metadata),
     )
 
 

@@ -135,24 +135,24 @@ def _run(options):
         raise ParameterError("few sources decide this fit, so it has no errors that --floor or --waves could use")
     if options.waves:
         has_floor = options.floor or solution.includes_floor
-        results["waves"] = _limit_on_waves(plain, has_floor, options.years)
+        results["waves"] = _limit_waves(plain, has_floor, options.years)
     if options.floor and not solution.includes_floor:
         solution = _solve_with_floor(plain)
     if solution.floor is not None:
         results["floor"] = solution.floor
-    maps = [_template(template, run, source, path, field) for template in options.templates or ()]
+    templates = [_read_template(template, run, source, path, field) for template in options.templates or ()]
     if options.classes:
         n_sources = solution.n_sources + (estimate.n_clipped or 0)
-        results["shared"] = _compare_subsets(run, source, path, estimate, maps, n_sources)
-    elif maps:
-        results["shared"] = _fit_templates(estimate, maps)
-    if maps:
-        results["cross_powers"] = _cross_powers_of(plain, solution.floor, maps)
+        results["shared"] = _compare_subsets(run, source, path, estimate, templates, n_sources)
+    elif templates:
+        results["shared"] = _fit_templates(estimate, templates)
+    if templates:
+        results["cross_powers"] = _compute_cross_powers(plain, solution.floor, templates)
     name = "the simulated catalogue of the demo" if options.demo else source.label
-    about: dict[str, Any] = {"source": f"{options.value} of {name}" if options.value else name}
+    facts: dict[str, Any] = {"source": f"{options.value} of {name}" if options.value else name}
     if not options.value:
-        about |= {"check": fit.cross_check(sources), "truth": catalogue.truth_of(source)}
-    answer = _answer(solution, results, options.classes)
+        facts |= {"check": fit.cross_check(sources), "truth": catalogue.truth_of(source)}
+    answer = _make_answer(solution, results, options.classes)
     captions = {key: text for key, text in _CAPTIONS.items() if key in results}
 
     def further_tables():
@@ -176,10 +176,10 @@ def _run(options):
             figures=figures.drawn,
             command=options.command,
             captions=captions,
-            sections=_sections(results, True),
+            sections=_further_sections(results, True),
             provenance=meta,
             answer=answer,
-            **about | {"source": Path(name).name},
+            **facts | {"source": Path(name).name},
         )
 
     warnings = [f"{label}: {text}" for label, text in fit.output.warnings_of(solution)]
@@ -201,24 +201,24 @@ def _run(options):
                 for key, result in results.items()
             ),
         ],
-        sections=lambda long: [*solution.sections(long=long, **about), *_sections(results, long)],
+        sections=lambda long: [*solution.sections(long=long, **facts), *_further_sections(results, long)],
         latex=latex,
         answer=answer,
         notes=[*warnings, *solution.notes],
         paths=path,
-        counts=_counts(solution, estimate.n_clipped, options.where),
+        counts=_count_rows(solution, estimate.n_clipped, options.where),
         page=write_page,
     )
 
 
-def _fit_templates(estimate, maps):
+def _fit_templates(estimate, templates):
     """Spin and acceleration of all sources with the templates fitted."""
-    normal = estimate.equations(estimate.sources, estimate.solution.modes.lmax, templates=maps)
+    normal = estimate.equations(estimate.sources, estimate.solution.modes.lmax, templates=templates)
     comparison = fit.background.shared([normal], labels=["all sources"], noise_scale=estimate.is_scaled)
     return replace(comparison, notes=(*comparison.notes, estimate.class_note))
 
 
-def _answer(solution, results, has_classes):
+def _make_answer(solution, results, has_classes):
     """The lines to quote: those of the fit, the limit on waves, and whether classes differ."""
     from fit.results.quality import SEEN
     from vsh.tools.digits import printed_p_value
@@ -231,14 +231,14 @@ def _answer(solution, results, has_classes):
     return Answer(tuple(lines))
 
 
-def _sections(results, long):
+def _further_sections(results, long):
     """The sections below those of the solution; short, the lines to quote have the floor and the limit on waves."""
     names = [name for name in (*(("floor", "waves") if long else ()), "shared", "cross_powers") if name in results]
     selection = [replace(results[name], notes=()) if name == "waves" else results[name] for name in names]  # said above
     return [section for result in selection for section in result.sections(long=long)]
 
 
-def _counts(solution, n_clipped, condition):
+def _count_rows(solution, n_clipped, condition):
     """Rows of the table, by what became of them."""
     used, refused, unselected = solution.n_sources, count_dropped(solution.notes), count_unselected(solution.notes)
     counts = {"rows": used + n_clipped + refused + unselected, "rows_used": used, "rows_refused": refused}
@@ -260,11 +260,11 @@ def _compare_subsets(run, source, path, estimate, templates, n_sources):
         conditions = [_join_conditions(options.where, condition) for condition in classes.conditions]
         subsets = [_read_class(read, *item) for item in zip(classes.labels, conditions, strict=True)]
         if ";" in options.classes:
-            either = " or ".join(f"({condition})" for condition in classes.conditions)
-            _check_apart(read(where=_join_conditions(options.where, either)), classes, subsets)
-    lmax, inside = estimate.solution.modes.lmax, 0
+            any_class = " or ".join(f"({condition})" for condition in classes.conditions)
+            _check_disjoint(read(where=_join_conditions(options.where, any_class)), classes, subsets)
+    lmax, n_inside = estimate.solution.modes.lmax, 0
     if estimate.method == "clip":
-        inside = sum(vsh.io.parts.as_parts(subset, vsh.field.SourcesWithErrors).sum(len) for subset in subsets)
+        n_inside = sum(vsh.io.parts.as_parts(subset, vsh.field.SourcesWithErrors).sum(len) for subset in subsets)
         subsets = [fit.estimate(subset, lmax, *parsing.method_and_value(options.method)).sources for subset in subsets]
     subsets = [subset.to_frame(options.frame) for subset in subsets]
     make = partial(estimate.equations, templates=templates)
@@ -273,9 +273,9 @@ def _compare_subsets(run, source, path, estimate, templates, n_sources):
     comparison = fit.background.shared(
         normals, range(2, lmax + 1), labels=classes.labels, noise_scale=estimate.is_scaled
     )
-    inside, notes = inside or sum(item.n_sources for item in normals), []
-    if n_sources > inside and not reading.is_density(options.value, source):  # which are pixels, of any size
-        notes.append(f"{n_sources - inside} of {n_sources} sources are in no class: no value, or between conditions")
+    n_inside, notes = n_inside or sum(item.n_sources for item in normals), []
+    if n_sources > n_inside and not reading.is_density(options.value, source):  # which are pixels, of any size
+        notes.append(f"{n_sources - n_inside} of {n_sources} sources are in no class: no value, or between conditions")
     return replace(comparison, notes=(*comparison.notes, *notes, estimate.class_note))
 
 
@@ -293,19 +293,19 @@ def _read_class(read, label, condition):
         raise TableError(str(error).replace("--where", "--classes", 1)) from error
 
 
-def _check_apart(union, classes, subsets):
+def _check_disjoint(union, classes, subsets):
     """Raise ParameterError where a source is in two classes."""
     counts = [vsh.io.parts.as_parts(subset, vsh.field.SourcesWithErrors).sum(len) for subset in subsets]
-    total = vsh.io.parts.as_parts(union, vsh.field.SourcesWithErrors).sum(len)
-    if sum(counts) > total:
+    n_all = vsh.io.parts.as_parts(union, vsh.field.SourcesWithErrors).sum(len)
+    if sum(counts) > n_all:
         raise ParameterError(
-            f"{sum(counts) - total} sources are in more than one of the classes {'; '.join(classes.labels)}: make them "
+            f"{sum(counts) - n_all} sources are in more than one of the classes {'; '.join(classes.labels)}: make them "
             "exclude each other"
         )
 
 
 #: Waves beside a floor are looked for to this degree.
-_HIGHEST = 7
+_HIGHEST_WITH_WAVES = 7
 
 
 #: Captions of the figures.
@@ -316,14 +316,14 @@ _CAPTIONS = {
 }
 
 
-def _limit_on_waves(plain, has_floor, years):
+def _limit_waves(plain, has_floor, years):
     """The limit on gravitational waves from a fit without a floor, systematics beside them where there is a floor."""
     if plain.modes.lmax < 2:
         raise ModesError("gravitational waves begin at degree 2: take --lmax 2 or higher")
     systematics: dict[str, Any] = {}
     if has_floor and plain.modes.lmax >= 3:  # the higher degrees show which power of degree 2 is no wave
         shapes = list(fit.background.SHAPES.values())
-        systematics = {"degrees": range(2, min(plain.modes.lmax, _HIGHEST) + 1), "systematics": shapes}
+        systematics = {"degrees": range(2, min(plain.modes.lmax, _HIGHEST_WITH_WAVES) + 1), "systematics": shapes}
     return replace(fit.background.wave_limit(plain, **systematics), years=years)
 
 
@@ -336,18 +336,18 @@ def _solve_with_floor(plain):
 
 
 #: A floor beside templates is estimated up to this degree.
-_MAPPED = 10
+_HIGHEST_WITH_TEMPLATES = 10
 #: The sources' own density; everything else is a file or a column.
 _DENSITY = "density"
 
 
-def _template(word, run, source, path, field):
+def _read_template(word, run, source, path, field):
     """The template of a name: `density`, a HEALPix map (FITS), a solution of motions (ECSV), or a column."""
     if word == _DENSITY:
         return fit.background.Template.density(_DENSITY, field)
     frame: Any
-    frame, _, rest = word.partition(":")
-    frame, word = (frame, rest) if frame in FRAMES else (None, word)
+    frame, _, location = word.partition(":")
+    frame, word = (frame, location) if frame in FRAMES else (None, word)
     if Path(word).is_file():
         name = Path(word).name
         if word.endswith(".ecsv"):
@@ -363,10 +363,10 @@ def _template(word, run, source, path, field):
             f"--templates {word}: there is no such file, and no such column in {source.label}; density is that of the "
             "sources"
         )
-    return _column_template(word, run, source, path)
+    return _read_column_template(word, run, source, path)
 
 
-def _column_template(name, run, source, path):
+def _read_column_template(name, run, source, path):
     """Numbers of a column at the places of the sources that are read."""
     arguments = reading.field_arguments(run.options)
     if run.options.value or reading.is_in_parts(run.options):  # numbers have no motions, whose rows would be theirs
@@ -379,7 +379,7 @@ def _column_template(name, run, source, path):
     )
 
 
-def _cross_powers_of(solution, floor, templates):
+def _compute_cross_powers(solution, floor, templates):
     """Project a solution without a prior on the templates; errors include the floor, of the run if it has one.
 
     The same equations as the floor's, so that the errors do not depend on whether the floor was put into the solution.
@@ -388,7 +388,7 @@ def _cross_powers_of(solution, floor, templates):
 
     if floor is None:
         with suppress(VshError):  # too few degrees, or too little of the sky
-            floor = fit.background.floor(solution, range(2, min(solution.modes.lmax, _MAPPED) + 1))
+            floor = fit.background.floor(solution, range(2, min(solution.modes.lmax, _HIGHEST_WITH_TEMPLATES) + 1))
 
     plain = fit.solve(fit.background.equations_of(solution, scalars=True))
     fields = template_fields(templates, plain.modes, plain.frame)

@@ -74,16 +74,16 @@ def _run(options):
     from vsh.io.tables import write_table
 
     labels = [Path(path).name.split(".")[0] for path in options.catalogues]
-    strange = sorted({*options.quasars} - {*labels})
-    if strange:
-        raise ParameterError(f"no table is called {', '.join(strange)}: there are {', '.join(labels)}")
-    astrometry, *remainder = (
+    unknown_names = sorted({*options.quasars} - {*labels})
+    if unknown_names:
+        raise ParameterError(f"no table is called {', '.join(unknown_names)}: there are {', '.join(labels)}")
+    astrometry, *others = (
         read_astrometry(path, still=label in options.quasars)
         for path, label in zip(options.catalogues, labels, strict=True)
     )
-    for rows in remainder:
-        astrometry = astrometry + rows
-    fixed_epochs = None if options.fixed is None else {name: _epoch(text) for name, text in options.fixed.items()}
+    for other in others:
+        astrometry = astrometry + other
+    fixed_epochs = None if options.fixed is None else {name: _parse_epoch(text) for name, text in options.fixed.items()}
     keywords: dict[str, Any] = {
         "reference": options.reference, "unknowns": options.unknowns, "order": options.order,
         "epoch": options.epoch, "robust": not options.no_robust,
@@ -113,10 +113,10 @@ def _run(options):
             files=lambda folder, meta: write_table(solution.sources_table(), folder / "sources.ecsv", meta),
         )
     )
-    selection = [result for name, result in results.items() if name != "link" or "steps" not in results]
+    shown = [result for name, result in results.items() if name != "link" or "steps" not in results]
     run.finish(
         parts,
-        sections=lambda long: [*(section for result in selection for section in result.sections(long=long)), *truth],
+        sections=lambda long: [*(section for result in shown for section in result.sections(long=long)), *truth],
         answer=results.get("steps", solution).answer,
         notes=solution.notes,
         paths=[*options.catalogues, *(path for path in (options.priors, options.candidates) if path)],
@@ -149,7 +149,7 @@ def _truth_sections(solution, path):
     return [Section("Truth, and how many errors the solution is from it", facts)]
 
 
-def _epoch(text):
+def _parse_epoch(text):
     try:
         return float(text)
     except ValueError:

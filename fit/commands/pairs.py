@@ -27,12 +27,12 @@ def make_parser() -> argparse.ArgumentParser:
     add = parsing.adder(parser)
     add("catalogue", parsing.A_TABLE)
     add("--bins", "number of bins in angular separation", parsing.count(1, 2000), 14)
-    add("--up-to DEG", "the largest angle, degrees", _angle, 180.0)
+    add("--up-to DEG", "the largest angle, degrees", _parse_angle, 180.0)
     add("--lmax", "highest degree of the harmonic sums (default: high enough to resolve the bins)", parsing.count(1))
     add(
         "--templates NAME,…",
         f"what is fitted: some of {', '.join(parsing.TEMPLATES)}, or none (default: all)",
-        _templates,
+        _parse_templates,
         parsing.TEMPLATES,
     )
     add(
@@ -46,14 +46,14 @@ def make_parser() -> argparse.ArgumentParser:
     return parsing.add_common(parser)
 
 
-def _angle(text):
+def _parse_angle(text):
     number = parsing.positive(text)
     if number > 180:
         raise argparse.ArgumentTypeError(f"an angle up to 180 degrees is expected, not {text!r}")
     return number
 
 
-def _templates(text):
+def _parse_templates(text):
     if text == "none":
         return ()
     templates = tuple(name.strip() for name in text.split(","))

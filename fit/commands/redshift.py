@@ -41,7 +41,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--h0 H0[±ERROR]|LOW:HIGH",
         "fit our velocity for this Hubble constant, km/s/Mpc | of the posterior, a Gaussian prior where an error is "
         "given, 67.4±1 (or 67.4+-1), and a flat prior between limits, 40:110; flat unless given",
-        _hubble,
+        _parse_hubble,
         action=parsing.JoinValues,
     )
     add(
@@ -50,7 +50,7 @@ def make_parser() -> argparse.ArgumentParser:
         "in degrees",
         parsing.velocity,
     )
-    add("--bins N|Z,Z,…", "fit spin and acceleration in bins of redshift | their number, or their edges", _edges)
+    add("--bins N|Z,Z,…", "fit spin and acceleration in bins of redshift | their number, or their edges", _parse_edges)
     add("--lmax", "highest degree in the bins", parsing.count(1), 1)
     add(
         "--floor",
@@ -72,7 +72,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--dispersion SIGMA|free|0:MAX",
         "dispersion of peculiar velocities in each component, km/s (default: 150 with flows, 750 without) | free, and "
         "0:MAX: free in the posterior, with a flat prior up to there",
-        _dispersion,
+        _parse_dispersion,
     )
     add(
         "--redshift-frame",
@@ -85,7 +85,7 @@ def make_parser() -> argparse.ArgumentParser:
         "the real Universe errors are then several times too small; alone: without the Local Group, so that H0 is too "
         "low by about its error where we move with the flow; FILE: the fitted flow describes only the error of a "
         "reconstructed velocity field on a grid (.npz, or .npy in the format of 2M++)",
-        _flows,
+        _parse_flows,
         nargs="?",
         const="yes",
     )
@@ -109,7 +109,7 @@ def make_parser() -> argparse.ArgumentParser:
     return parsing.add_common(parser)
 
 
-def _dispersion(text):
+def _parse_dispersion(text):
     if text == "free":
         return text
     low, colon, high = text.partition(":")
@@ -118,7 +118,7 @@ def _dispersion(text):
     return (0.0, parsing.positive(high)) if colon else parsing.not_negative(text)
 
 
-def _flows(text):
+def _parse_flows(text):
     if text not in ("yes", "no", "alone") and not text.endswith((".npz", ".npy")):
         raise argparse.ArgumentTypeError(
             f"yes, no, alone or a grid of velocities (.npz, .npy) is expected, not {text!r}"
@@ -126,23 +126,23 @@ def _flows(text):
     return text
 
 
-def _hubble(text):
+def _parse_hubble(text):
     """H0, its error and the limits of a prior, those that are given, by name."""
-    known: dict[str, Any] = {}
+    prior: dict[str, Any] = {}
     for words in text.replace("+-", "±").split(","):
         low, colon, high = words.partition(":")
         value, _, error = words.partition("±")
         if colon:
-            known["limits"] = parsing.positive(low), parsing.positive(high)
-            if not known["limits"][0] < known["limits"][1]:
+            prior["limits"] = parsing.positive(low), parsing.positive(high)
+            if not prior["limits"][0] < prior["limits"][1]:
                 raise argparse.ArgumentTypeError(f"two rising numbers above zero are expected, not {text!r}")
             continue
-        known |= {"value": parsing.positive(value)} if value else {}
-        known |= {"error": parsing.positive(error)} if error or not value else {}
-    return known
+        prior |= {"value": parsing.positive(value)} if value else {}
+        prior |= {"error": parsing.positive(error)} if error or not value else {}
+    return prior
 
 
-def _edges(text):
+def _parse_edges(text):
     edges = parsing.numbers(text)
     if len(edges) == 1:
         parsing.count(1)(text)
@@ -184,9 +184,9 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 
 
 #: Upper limits of a dispersion that is free in the posterior, beside a flow and without. [km/s]
-_WIDEST = {True: 400.0, False: 1000.0}
+_MAX_DISPERSION = {True: 400.0, False: 1000.0}
 #: The degree that it is looked for to where bins are fitted to degree 1.
-_DEGREE = 5
+_FLOOR_DEGREE = 5
 _CAPTIONS = {
     "corner": "Every pair of quantities, with 68 and 95 % contours; dashed: the prior on H0.",
     "trace": "Walkers against steps; grey: left out. R̂ near 1 and a large effective size: the chain has converged.",
@@ -199,18 +199,18 @@ def _run(options):
     source = run.open(options.catalogue)
     truth = vsh.io.catalogue.truth_of(source)
     sky = run.read(source, options.catalogue).to_frame(options.frame)
-    frame, counts = _redshift_facts(sky, source, options)
-    prior = reading.velocity_of(options.velocity) or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
-    model, failure = _model_of(options), None
+    facts, counts = _redshift_facts(sky, source, options)
+    velocity = reading.velocity_of(options.velocity) or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
+    model, failure = _model_options(options), None
     method, value = parsing.method_and_value(options.method) if options.method else (None, None)
-    parts = _report_parts_of_bins(sky, options, model, prior, method, value) if options.bins else []
+    parts = _bin_parts(sky, options, model, velocity, method, value) if options.bins else []
     sky = fit.robust.clip(sky, vsh.Modes(1), float(value or 3.0)).sources(sky) if method == "clip" else sky
     if options.h0 or options.velocity or options.posterior:
         field = _select_known_redshifts(sky, options, source.label)
-        estimates = _estimates(field, options, model, prior, truth)
+        estimates = _estimate_by_least_squares(field, options, model, velocity, truth)
         if options.posterior:
             try:
-                parts.append(_posterior_part(field, options, model, prior, truth))
+                parts.append(_posterior_part(field, options, model, velocity, truth))
             except ConvergenceError as error:  # every other result is written all the same
                 failure = error
         has_posterior = options.posterior and failure is None
@@ -227,7 +227,7 @@ def _run(options):
         report = [section for part in parts for section in part.shown(long)]
         if failure is not None:
             report.append(Section("Posterior", [("not finished", str(failure))]))
-        return [replace(report[0], facts=[*frame, *report[0].facts]), *report[1:]] if report else [Section("", frame)]
+        return [replace(report[0], facts=[*facts, *report[0].facts]), *report[1:]] if report else [Section("", facts)]
 
     run.finish(
         parts,
@@ -265,7 +265,7 @@ def _redshift_facts(sky, source, options):
     return facts, counts
 
 
-def _model_of(options):
+def _model_options(options):
     """Assumptions of every estimate about distances and motions, as keyword arguments."""
     model = {
         "peculiar_dispersion": options.dispersion if isinstance(options.dispersion, float) else None,
@@ -277,20 +277,20 @@ def _model_of(options):
     return model
 
 
-def _report_parts_of_bins(sky, options, model, velocity, method, value):
+def _bin_parts(sky, options, model, velocity, method, value):
     """Spin and acceleration in bins, and where asked for, or of many sources, with common systematic errors."""
     from fit.redshift import binned
 
-    of_bins = {name: model[name] for name in ("redshift_frame", "peculiar_dispersion")}
+    bin_options = {name: model[name] for name in ("redshift_frame", "peculiar_dispersion")}
     edges = int(options.bins[0]) if len(options.bins) == 1 else options.bins
-    bin_up_to: Any = partial(binned, sky, edges=edges, flows=model["flows"], method=method, value=value, **of_bins)
+    bin_up_to: Any = partial(binned, sky, edges=edges, flows=model["flows"], method=method, value=value, **bin_options)
     bins = bin_up_to(options.lmax)
     comparison, p_values = None, None
     if options.floor == "yes" or (bins.counts.sum() >= fit.quality.MANY and options.floor != "no"):
         # Permutations know nothing of the systematic errors.
         comparison, remark = _compare_bins_with_systematics(bin_up_to, bins, options.lmax, options.floor == "yes")
     else:
-        p_values = _p_values(sky, bins, velocity, of_bins)
+        p_values = _permute_redshifts(sky, bins, velocity, bin_options)
         remark = _floor_remark(sky, bins)
 
     def sections(long):
@@ -318,7 +318,7 @@ def _report_parts_of_bins(sky, options, model, velocity, method, value):
 
 def _compare_bins_with_systematics(bin_up_to, bins, lmax, is_asked):
     """The systematic errors, or None; and a remark on the p-values without them."""
-    degree = lmax if lmax >= 3 else _DEGREE
+    degree = lmax if lmax >= 3 else _FLOOR_DEGREE
     bins = bins if lmax >= 3 else bin_up_to(degree)
     if any(fit.background.sees_part(normal, degree) for normal in bins.normals):
         with suppress(DegeneracyError):  # a bin of few sources does not bear so many, and a note says what that means
@@ -337,29 +337,29 @@ def _floor_remark(sky, bins):
     if bins.counts.sum() < fit.quality.FEW or bins.flow_share > fit.redshift.FLOW_MATTERS:
         return ""
     try:
-        floor = fit.background.floor(fit.fit_field(sky, _DEGREE))
+        floor = fit.background.floor(fit.fit_field(sky, _FLOOR_DEGREE))
     except VshError:  # of few sources, or on little of the sky, it is not known
         return ""
     return (
         f"The systematic floor is not in these errors: spin ± {floor.spin_error:.3g}, acceleration ± "
-        f"{floor.acceleration_error:.3g} µas/yr from degrees 2 to {_DEGREE} of all sources; --floor includes it."
+        f"{floor.acceleration_error:.3g} µas/yr from degrees 2 to {_FLOOR_DEGREE} of all sources; --floor includes it."
     )
 
 
-def _p_values(field, bins, velocity, of_bins):
-    """Permute redshifts of up to so many sources, for p-values."""
-    few = isinstance(field, vsh.Field) and len(field) <= 20_000
-    if not (bins.modes.lmax == 1 and len(bins) > 1 and few and bins.flow_share <= fit.redshift.FLOW_MATTERS):
+def _permute_redshifts(field, bins, velocity, bin_options):
+    """Permute redshifts for p-values of equal bins; None where there are too many sources, or flows that matter."""
+    is_small = isinstance(field, vsh.Field) and len(field) <= 20_000
+    if not (bins.modes.lmax == 1 and len(bins) > 1 and is_small and bins.flow_share <= fit.redshift.FLOW_MATTERS):
         return None
     test_velocity = velocity if np.isfinite(bins.mean_inverse_distance).all() else None
-    return fit.redshift.permutation_test(field, bins, velocity=test_velocity, **of_bins)
+    return fit.redshift.permutation_test(field, bins, velocity=test_velocity, **bin_options)
 
 
 def _select_known_redshifts(sky, options, label):
     """The sources with redshifts; VshError where nobody told their frame."""
     with_redshift, missing_only = vsh.models.cosmology.with_redshift, options.on_bad != "drop"
-    step = partial(with_redshift, redshift_frame=options.redshift_frame, missing_only=missing_only)
-    field = vsh.io.parts.apply_step(sky, step)
+    select = partial(with_redshift, redshift_frame=options.redshift_frame, missing_only=missing_only)
+    field = vsh.io.parts.apply_step(sky, select)
     if fit.secular_parallax.is_frame_undeclared(field, options.redshift_frame):
         raise VshError(
             f"the frame of the redshifts of {label} is not given: use --redshift-frame heliocentric, cmb, "
@@ -368,14 +368,14 @@ def _select_known_redshifts(sky, options, label):
     return field
 
 
-def _estimates(field, options, model, velocity, truth):
+def _estimate_by_least_squares(field, options, model, velocity, truth):
     """Our velocity for a known H0, and H0 for a known velocity, by least squares."""
     estimates: dict[str, Any] = {}
     if options.h0:
         estimates["velocity"] = fit.secular_parallax.observer_velocity(field, options.h0, **model)
     if options.velocity:
         estimates["hubble"] = _run_with_group(
-            partial(fit.secular_parallax.hubble_constant, field, velocity, **model), _group_of(field, options, truth)
+            partial(fit.secular_parallax.hubble_constant, field, velocity, **model), _local_group(field, options, truth)
         )
     return estimates
 
@@ -390,7 +390,7 @@ def _run_with_group(estimate, group):
         return estimate()
 
 
-def _group_of(field, options, truth):
+def _local_group(field, options, truth):
     """The Local Group's motion, which tells the flow where we are: of real galaxies, or the true one of simulated."""
     from fit.distances import declared_frame
 
@@ -407,9 +407,9 @@ def _estimate_part(name, estimate, label, truth, has_posterior):
     heading = "Our velocity" if name == "velocity" else "The Hubble constant"
 
     def tables():
-        sheet = _add_truth_column(estimate.to_table(), _truths(truth, estimate))
-        sheet.meta["summary"] = _summary_of(estimate)
-        return {heading: sheet}
+        table = _add_truth_column(estimate.to_table(), _truth_by_name(truth, estimate))
+        table.meta["summary"] = _summarise(estimate)
+        return {heading: table}
 
     return finishing.Part(
         name,
@@ -423,28 +423,28 @@ def _estimate_part(name, estimate, label, truth, has_posterior):
     )
 
 
-def _posterior_part(field, options, model, prior, truth):
-    """The posterior of our velocity and H0."""
+def _posterior_part(field, options, model, velocity, truth):
+    """The posterior of our velocity and H0 as a part of the result."""
     hubble: Any = fit.posterior.Normal(options.h0, options.h0_error) if options.h0 and options.h0_error else "flat"
     if options.h0_range:
         hubble = fit.posterior.Flat(*options.h0_range)
-    group = _group_of(field, options, truth)
+    group = _local_group(field, options, truth)
     if isinstance(options.dispersion, tuple):
         model = model | {"peculiar_dispersion": fit.posterior.Flat(*options.dispersion)}
     elif options.dispersion == "free":
-        model = model | {"peculiar_dispersion": fit.posterior.Flat(0.0, _WIDEST[options.flows])}
-    if not prior.covariance.any():  # a speed without an error is taken to a thousandth, a direction to 0.001°
-        l, b = prior.direction
-        prior = vsh.Vector.from_spherical(
-            prior.amplitude, l, b, (1e-3 * prior.amplitude, 1e-3, 1e-3), "galactic", "km/s"
+        model = model | {"peculiar_dispersion": fit.posterior.Flat(0.0, _MAX_DISPERSION[options.flows])}
+    if not velocity.covariance.any():  # a speed without an error is taken to a thousandth, a direction to 0.001°
+        l, b = velocity.direction
+        velocity = vsh.Vector.from_spherical(
+            velocity.amplitude, l, b, (1e-3 * velocity.amplitude, 1e-3, 1e-3), "galactic", "km/s"
         )
-    drawn = partial(
-        fit.posterior.sample, field, prior, hubble, method=options.sampler or "emcee", n_samples=options.posterior,
+    sample = partial(
+        fit.posterior.sample, field, velocity, hubble, method=options.sampler or "emcee", n_samples=options.posterior,
         rng=1, checkpoint=options.checkpoint, **model,
     )  # fmt: skip
-    posterior = _run_with_group(drawn, group)
+    posterior = _run_with_group(sample, group)
 
-    truths = _truths(truth, posterior)
+    truths = _truth_by_name(truth, posterior)
 
     def sections(long):
         *report, last = posterior.sections(long=long)
@@ -466,7 +466,7 @@ def _posterior_part(field, options, model, prior, truth):
     return finishing.Part("posterior", posterior, sections=sections, plot=draw, tables=tables, files=files)
 
 
-def _truths(truth, result):
+def _truth_by_name(truth, result):
     """The truth of a simulated catalogue, by the names of a result; empty where it is not known."""
     if not truth or "velocity" not in truth:
         return {}
@@ -487,9 +487,9 @@ def _add_truth_column(table, truths):
 
 
 #: H0 is said to depend on its prior where medians differ by such a factor.
-_BY_PRIOR = 1.5
+_PRIOR_FACTOR = 1.5
 #: The Hubble constants that are published lie between these, by Planck and by distance ladders. [km/s/Mpc]
-_PUBLISHED = 67.0, 73.0
+_PUBLISHED_HUBBLE = 67.0, 73.0
 
 
 def _answer_lines(results):
@@ -504,7 +504,7 @@ def _answer_lines(results):
     if "posterior" in results:
         lines += _posterior_lines(results["posterior"])
     elif "hubble" in results:
-        lines.append(("H0", _hubble_line(results["hubble"])))
+        lines.append(("H0", _format_hubble(results["hubble"])))
     if "velocity" in results:
         solution = results["velocity"]
         text = f"{fit.output.words_of(solution.velocity)}, for H0 = {solution.assumed_hubble:g} km/s/Mpc"
@@ -512,7 +512,7 @@ def _answer_lines(results):
     if "shared" in results and len(results["shared"]) > 1:
         p = results["shared"].verdict().p_value
         text = "a change" if p < fit.quality.SEEN else "no change"
-        lines.append(("dipole", f"{text} with redshift is detected, {_p(p)}, systematic errors included"))
+        lines.append(("dipole", f"{text} with redshift is detected, {_format_p_value(p)}, systematic errors included"))
     elif "bins" in results and len(results["bins"]) > 1:
         text = "a change with redshift is not tested, because systematic errors are not included: add --floor"
         lines.append(("dipole", text))
@@ -528,7 +528,7 @@ def _answer_lines(results):
     return lines
 
 
-def _hubble_line(solution):
+def _format_hubble(solution):
     """H0 by least squares for a known velocity, and how far it is from published values."""
     value, error = solution.hubble, solution.hubble_error
     if not _is_determined(solution):
@@ -539,7 +539,7 @@ def _hubble_line(solution):
 
 def _format_deviation(value, error):
     """Distance of a Hubble constant from the published ones, in its errors."""
-    lower, upper = _PUBLISHED
+    lower, upper = _PUBLISHED_HUBBLE
     distance = max(lower - value, value - upper, 0.0) / error
     place = f"{distance:.1f} σ outside" if distance else "within"
     return f"{place} the published range of 67 to 73"
@@ -547,10 +547,10 @@ def _format_deviation(value, error):
 
 def _compare_with_published(limit):
     """Say if an upper limit leaves room for the published values."""
-    return f"{'consistent with' if limit > _PUBLISHED[0] else 'excludes'} the published 67 to 73"
+    return f"{'consistent with' if limit > _PUBLISHED_HUBBLE[0] else 'excludes'} the published 67 to 73"
 
 
-def _posterior_hubble(posterior):
+def _format_posterior_hubble(posterior):
     """H0 by the posterior, with its interval or as a limit; and how it stands to the published values."""
     if posterior.hubble_limits is not None:
         above, below = posterior.hubble_limits
@@ -558,7 +558,7 @@ def _posterior_hubble(posterior):
             return f"not limited from above; > {format_three_digits(above)} km/s/Mpc (95 %)", "the prior has no end"
         return f"not determined: < {format_three_digits(below)} km/s/Mpc (95 %)", _compare_with_published(below)
     h0 = posterior.summary()["H0"]
-    error = (h0.median - h0.low68) if h0.median > _PUBLISHED[1] else (h0.high68 - h0.median)
+    error = (h0.median - h0.low68) if h0.median > _PUBLISHED_HUBBLE[1] else (h0.high68 - h0.median)
     median, lower, upper, *_ = posterior.print_summary()["H0"]
     return f"{median} km/s/Mpc ({lower} to {upper}, 68 %)", _format_deviation(h0.median, error)
 
@@ -566,7 +566,7 @@ def _posterior_hubble(posterior):
 def _posterior_lines(posterior):
     """H0 and the speed by the posterior, medians with 68 % intervals, and the priors they rest on."""
     rows, texts = posterior.summary(), posterior.print_summary()
-    lines = [("H0", "{}, posterior; {}".format(*_posterior_hubble(posterior)))]
+    lines = [("H0", "{}, posterior; {}".format(*_format_posterior_hubble(posterior)))]
     if posterior.hubble_limits is not None:
         product = [f"{value:.0f}" for value in posterior.product]
         lines.append(("v · H0", f"{product[0]} (km/s)²/Mpc ({product[1]} to {product[2]}, 68 %)"))
@@ -577,7 +577,7 @@ def _posterior_lines(posterior):
     priors = posterior.model.priors.in_words()
     lines.append(("prior", f"H0 {priors['hubble']}; velocity {priors['velocity']}"))
     medians = [quantiles.median for quantiles in posterior.hubble_by_prior.values()]
-    if medians and max(medians) > _BY_PRIOR * min(medians):
+    if medians and max(medians) > _PRIOR_FACTOR * min(medians):
         limits = [quantiles.below for quantiles in posterior.hubble_by_prior.values()]
         interval = f"{format_three_digits(min(limits))} to {format_three_digits(max(limits))} km/s/Mpc"
         caution = f"the motions determine H0 poorly: its 95 % upper limit ranges over {interval} with other priors"
@@ -585,7 +585,7 @@ def _posterior_lines(posterior):
     return lines
 
 
-def _p(p):
+def _format_p_value(p):
     hint = fit.quality.hint_of(p)
     return f"p = {printed_p_value(p)}{hint and f', {hint}'}"
 
@@ -595,7 +595,7 @@ def _is_determined(solution):
     return solution.hubble > 3 * solution.hubble_error
 
 
-def _summary_of(solution):
+def _summarise(solution):
     """Summarise a velocity, or H0, in a line."""
     if hasattr(solution, "velocity"):
         phrase = f"for H0 = {solution.assumed_hubble:g} km/s/Mpc"

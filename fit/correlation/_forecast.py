@@ -38,8 +38,8 @@ class Prediction(Solution):
     @property
     def largest(self) -> tuple[float, tuple[str, str]]:
         """The largest correlation among spin and acceleration, and the pair it is of."""
-        pair = select_parameters(FRAME_NAMES, self.modes)
-        return largest_correlation(correlation_of(pair.covariance(self.covariance)), pair.names)
+        parameters = select_parameters(FRAME_NAMES, self.modes)
+        return largest_correlation(correlation_of(parameters.covariance(self.covariance)), parameters.names)
 
     def _pack(self):
         columns, metadata, units = super()._pack()
@@ -102,8 +102,8 @@ def predict_covariance(
     if isinstance(floor, Spectrum) or floor is None:
         solution = solve(normal) if floor is None else _solve_with_spectrum(normal, floor)
     else:  # the errors of these sources are not those of the other catalogue
-        one = [replace(part, noise_scale=1.0) for part in floor.parts]
-        solution = solve(normal, floor=replace(floor, noise_scale=1.0, parts=tuple(one)))
+        parts = [replace(part, noise_scale=1.0) for part in floor.parts]
+        solution = solve(normal, floor=replace(floor, noise_scale=1.0, parts=tuple(parts)))
     # N of the six vectors, from that of the degree-1 coefficients: c = F v.
     to_coefficients = np.zeros((len(modes), 6))
     for k, kind in enumerate(KINDS):
@@ -116,7 +116,7 @@ def predict_covariance(
         frame=solution.frame,
         notes=solution.notes,
         errors_from="the predicted weights" + ("" if floor is None else ", with systematic errors"),
-        _weight=as_parts(field).sum(_information, roles=(), words="weights"),
+        _weight=as_parts(field).sum(_sum_information, roles=(), words="weights"),
         _alone=to_coefficients.T @ normal.matrix @ to_coefficients,
     )
 
@@ -128,5 +128,5 @@ def _solve_with_spectrum(normal, spectrum):
     return replace(solution, covariance=solution.covariance + np.diag(np.where(degree_one, variances, 0.0)))
 
 
-def _information(field):
+def _sum_information(field):
     return float(field.information.sum())

@@ -136,9 +136,9 @@ class Leakage(Result):
             spectrum[:, lmin:] = power
         if not (spectrum >= 0).all():
             raise ParameterError("a power cannot be negative")
-        rows = np.array([mode.kind == "S" for mode in modes], int)
+        kind_rows = np.array([mode.kind == "S" for mode in modes], int)
         degrees = np.array([mode.l for mode in modes])
-        return spectrum[rows, degrees] / (2 * degrees + 1) / modes.norm2
+        return spectrum[kind_rows, degrees] / (2 * degrees + 1) / modes.norm2
 
 
 def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma: ArrayLike | None = None) -> Leakage:
@@ -156,18 +156,18 @@ def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma
     fitted, unmodelled = as_modes(fitted), as_modes(unmodelled)
     check_unmodelled_higher(fitted, unmodelled)
     normal = normal_equations(field_from_positions(sources, sigma), unmodelled)
-    inside = np.array([mode.l <= fitted.lmax for mode in unmodelled])
-    block = normal.matrix[np.ix_(inside, inside)]
-    equations = replace(normal, modes=fitted, matrix=block, rhs=normal.rhs[inside])
+    is_fitted = np.array([mode.l <= fitted.lmax for mode in unmodelled])
+    block = normal.matrix[np.ix_(is_fitted, is_fitted)]
+    equations = replace(normal, modes=fitted, matrix=block, rhs=normal.rhs[is_fitted])
     solve(equations)  # tells what such a fit cannot separate
-    matrix = np.linalg.solve(block, normal.matrix[np.ix_(inside, ~inside)])
+    matrix = np.linalg.solve(block, normal.matrix[np.ix_(is_fitted, ~is_fitted)])
     names = np.array([str(mode) for mode in unmodelled])
     return Leakage(
         matrix=matrix,
         fitted=fitted,
         unmodelled=unmodelled,
-        names=tuple(names[inside]),
-        unmodelled_names=tuple(names[~inside]),
+        names=tuple(names[is_fitted]),
+        unmodelled_names=tuple(names[~is_fitted]),
         frame=normal.frame or "icrs",
     )
 
@@ -195,11 +195,11 @@ def lmax_table(sources: Any, max_lmax: int = 10, *, sigma: ArrayLike | None = No
     normal = normal_equations(field_from_positions(sources, sigma), modes)
     rows = []
     for lmax in range(1, max_lmax + 1):
-        inside = np.array([mode.l <= lmax for mode in modes])
-        block = normal.matrix[np.ix_(inside, inside)]
+        is_fitted = np.array([mode.l <= lmax for mode in modes])
+        block = normal.matrix[np.ix_(is_fitted, is_fitted)]
         diagonal = np.sqrt(np.diag(block))
         values = np.linalg.eigvalsh(block / np.outer(diagonal, diagonal)) if (diagonal > 0).all() else np.zeros(2)
-        if values[0] <= 1e-12 * values[-1] or normal.n_data < inside.sum():
+        if values[0] <= 1e-12 * values[-1] or normal.n_data < is_fitted.sum():
             rows.append((lmax, float("inf"), 1.0))
             continue
         correlation = correlation_of(np.linalg.inv(block))

@@ -55,11 +55,11 @@ class Parameters(Frozen):
         return self.rows @ covariance @ self.rows.T
 
 
-def parameters_of(what: Modes | int | str) -> Parameters:
-    """Return all parameters that `what` stands for."""
-    if isinstance(what, str):
-        return select_parameters(FRAME_NAMES, what)
-    modes = as_modes(what)
+def parameters_of(parameters: Modes | int | str) -> Parameters:
+    """Return the parameters that modes, a degree or "spin+acceleration" stand for."""
+    if isinstance(parameters, str):
+        return select_parameters(FRAME_NAMES, parameters)
+    modes = as_modes(parameters)
     return Parameters(tuple(map(str, modes)), modes, np.eye(len(modes)))
 
 
@@ -74,9 +74,9 @@ def select_parameters(names: Sequence[str], parameters: Modes | int | str) -> Pa
     inverse = np.linalg.inv(FIRST_DEGREE)
     for kind, vector in zip(KINDS, ("omega", "a"), strict=True):
         for axis, row in zip("xyz", inverse, strict=True):
-            full = np.zeros(len(modes))
-            full[modes.slice_of(kind, 1)] = row
-            rows[f"{vector}_{axis}"] = full
+            coefficient_row = np.zeros(len(modes))
+            coefficient_row[modes.slice_of(kind, 1)] = row
+            rows[f"{vector}_{axis}"] = coefficient_row
     missing = [name for name in names if name not in rows]
     if missing:
         raise ParameterError(
@@ -113,7 +113,7 @@ def field_from_positions(sources: Any, sigma: ArrayLike | None = None) -> Field 
 
 
 #: Largest number of parameters for which the matrix is printed; larger matrices are only written to files.
-_LARGEST = 16
+_MAX_PRINTED = 16
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -178,9 +178,9 @@ class CorrelationMatrices(Result):
             facts.append((label, f"largest correlation {value:+.3f}, of {pair[0]} and {pair[1]}"))
         remarks = []
         if long and {"omega_x", "a_x"} <= set(self.names):
-            remarks = [line for i in range(len(self.labels)) for line in self._explanation(i)]
-        small = len(self.names) <= _LARGEST
-        table, forms = self.to_table() if small else None, dict.fromkeys(self.names, ".3f")
+            remarks = [line for i in range(len(self.labels)) for line in self._explain_by_dipole(i)]
+        is_small = len(self.names) <= _MAX_PRINTED
+        table, forms = self.to_table() if is_small else None, dict.fromkeys(self.names, ".3f")
         return (Section("Correlations", facts, table, forms=forms, remarks=remarks),)
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
@@ -191,23 +191,23 @@ class CorrelationMatrices(Result):
 
     def _pack(self):
         columns = {"parameter": list(self.names)} | {f"matrix_{i}": matrix for i, matrix in enumerate(self.matrices)}
-        dipoles = [[to_hex(x) for x in d] for d in self.dipoles]
+        dipoles = [[to_hex(x) for x in dipole] for dipole in self.dipoles]
         return columns, {"labels": list(self.labels), "frame": self.frame, "dipoles": dipoles}, {}
 
     @classmethod
     def _unpack(cls, columns, metadata):
         labels, names = checked_strings(metadata["labels"]), tuple(columns["parameter"].tolist())
-        dipoles = [float_array("dipole", [number(x) for x in d], (3,)) for d in metadata["dipoles"]]
+        dipoles = [float_array("dipole", [number(x) for x in dipole], (3,)) for dipole in metadata["dipoles"]]
         matrices = [covariance(f"matrix_{i}", columns[f"matrix_{i}"], len(names)) for i in range(len(labels))]
         has_large = any((np.abs(matrix) > 1 + 1e-9).any() for matrix in matrices)
         if len(dipoles) != len(labels) or has_large or len(set(names)) < len(names):
             raise TableError("labels, names or correlations")
         return cls(names, matrices, labels, dipoles, check_frame(metadata["frame"]))
 
-    def _explanation(self, i):
+    def _explain_by_dipole(self, i):
         x, y, z = self.dipoles[i]
-        start, end = self.names.index("omega_x"), self.names.index("a_x")
-        block = self.matrices[i][start : start + 3, end : end + 3]
+        spin_start, glide_start = self.names.index("omega_x"), self.names.index("a_x")
+        block = self.matrices[i][spin_start : spin_start + 3, glide_start : glide_start + 3]
         mean = f"  weighted mean unit vector of the sources: ({x:+.3f}, {y:+.3f}, {z:+.3f})"
         lines = [f"{mean}; largest correlations, and how much of them this dipole explains:"]
         prediction = self.dipole_prediction(i)
@@ -284,13 +284,13 @@ def correlation_matrices(
             solution = solve(normal_equations(field, selection.modes))
             matrices.append(correlation_of(selection.covariance(solution.covariance)))
             frames.append(solution.frame)
-        dipoles.append(dipole(field))
+        dipoles.append(compute_dipole(field))
         if frames[i] != frames[0]:
             raise FrameError(f"the catalogues are in {frames[0]} and {frames[i]}: convert them to one frame")
     return CorrelationMatrices(names, matrices, labels, dipoles, frames[0])
 
 
-def dipole(field: Field | Parts) -> FloatArray:
+def compute_dipole(field: Field | Parts) -> FloatArray:
     """Compute the weighted mean unit vector of the sources, (3,); it is zero on a uniform sky."""
     vector, weight = as_parts(field).sum(_direction_sums, roles=(), words="dipole")
     return vector / weight

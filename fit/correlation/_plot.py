@@ -28,7 +28,7 @@ from vsh.sky.pixels import smooth_map
 from vsh.tools.types import Axes, AxesArray, FloatArray, OnAxes
 
 #: A map of influence has so many sources within its smoothing.
-_TOGETHER = 30
+_SOURCES_PER_BEAM = 30
 
 
 @apply_style
@@ -61,7 +61,7 @@ def plot_influence(
 ) -> SkyAxes:
     """A map of influence on the sky with the sources, as smooth as they can tell; not smoothed without healpy."""
     if smooth is None:
-        smooth = float(np.clip(2 * np.degrees(np.sqrt(4 * _TOGETHER / max(1, len(field)))), 0.0, 60.0))
+        smooth = float(np.clip(2 * np.degrees(np.sqrt(4 * _SOURCES_PER_BEAM / max(1, len(field)))), 0.0, 60.0))
     smooth = smooth if find_spec("healpy") else 0.0  # there is none for Windows
     sky_map = smooth_map(values, smooth) if smooth > 0 else np.asarray(values, float)
     axes = sky_axes(field.frame, ax, below=0.45 + 0.14 * title.count("\n"))

@@ -110,13 +110,13 @@ class Calibration(InNotebook):
             transverse_distance(field.redshift, self.cosmology)  # which says what is missing
         assert field.redshift is not None
         redshift = to_cmb(field.redshift, field.lon, field.lat, field.frame, self.frame)
-        lost = ~usable_mask(redshift)
-        if lost.any():
-            at = lost.argmax()
+        is_bad = ~usable_mask(redshift)
+        if is_bad.any():
+            row = is_bad.argmax()
             raise FieldError(
-                f"{lost.sum()} of {len(field)} redshifts give no distance once they are taken from {self.frame} ones to"
-                f" the frame of the microwave background: {describe_unusable(redshift)} (first: row {at}, "
-                f"{field.redshift[at]:.6f} → {redshift[at]:.6f}). Leave those sources out: "
+                f"{is_bad.sum()} of {len(field)} redshifts give no distance once they are taken from {self.frame} ones "
+                f"to the frame of the microwave background: {describe_unusable(redshift)} (first: row {row}, "
+                f"{field.redshift[row]:.6f} → {redshift[row]:.6f}). Leave those sources out: "
                 "vsh.models.cosmology.with_redshift(field), or --on-bad drop"
             )
         return redshift
@@ -132,7 +132,7 @@ class Calibration(InNotebook):
     def _spline(self):
         """ln d − ln x as a function of ln x, x = ln(1 + z), with its slope."""
         log_x = np.linspace(np.log(FLOW_LIMIT / 2), np.log(np.log(40.0)), 400)
-        log_ratio = np.log(_distance(np.expm1(np.exp(log_x)), self.cosmology)) - log_x
+        log_ratio = np.log(_extrapolate_distance(np.expm1(np.exp(log_x)), self.cosmology)) - log_x
         spline = make_interp_spline(log_x, log_ratio, k=5)
         return spline, spline.derivative()
 
@@ -157,8 +157,8 @@ class Calibration(InNotebook):
         return hubble_value(self.cosmology) / 100
 
 
-def _distance(redshift, cosmology):
-    """Beyond the usable limits as well."""
+def _extrapolate_distance(redshift, cosmology):
+    """The transverse distance; below the usable limit, in proportion to the redshift. [Mpc]"""
     return transverse_distance(np.maximum(redshift, FLOW_LIMIT), cosmology) * np.where(
         redshift < FLOW_LIMIT, redshift / FLOW_LIMIT, 1.0
     )
@@ -166,7 +166,7 @@ def _distance(redshift, cosmology):
 
 #: A sample that is complete to less than this above its faintest magnitude fades out; beyond, it is an inhomogeneous
 #: list, whose magnitudes make errors too small (1.6 times for OpenNGC, complete to 14.5 of 21). [mag]
-_FADES = 2.0
+_MAX_FADING = 2.0
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
 _REACH = 6.0
 _BLOCK = 1024
@@ -217,7 +217,7 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
     if indices.size:
         x, s = np.log1p(redshift[indices]), error[indices]
         g = None if magnitude is None else magnitude[indices]
-        moments = _moments_by_x(calibration, x, s) if g is None else _moments(calibration)
+        moments = _moments_by_x(calibration, x, s) if g is None else _cached_moments(calibration)
 
         def chunk_moments(chunk):
             return moments(x[chunk], s[chunk], None if g is None else g[chunk])
@@ -229,8 +229,8 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
     has_distance = np.zeros(len(field), bool) if field.distance is None else np.isfinite(field.distance)
     if has_distance.any():
         columns = (field.distance, field.distance_error, redshift, magnitude)
-        given = [None if column is None else np.asarray(column)[has_distance] for column in columns]
-        mean[has_distance], variance[has_distance] = _moments_from_distances(calibration, *given)
+        measured = [None if column is None else np.asarray(column)[has_distance] for column in columns]
+        mean[has_distance], variance[has_distance] = _moments_from_distances(calibration, *measured)
         slope[has_distance] = 0.0
     return InverseDistances(mean, variance, slope, has_distance, redshift)
 
@@ -319,12 +319,12 @@ class _Moments:
         return np.stack([mean, variance, slope / error**2])
 
 
-_moments = lru_cache(maxsize=8)(_Moments)  # parts, and skies of one study, share a calibration
+_cached_moments = lru_cache(maxsize=8)(_Moments)  # parts, and skies of one study, share a calibration
 
 
 def _moments_by_x(calibration, x, error):
     """Moments without magnitudes: of many sources of one spread they are functions of x alone."""
-    moments = _moments(calibration)
+    moments = _cached_moments(calibration)
     if np.ptp(error) > 0 or len(x) < 2 * _KNOTS:
         return moments
     knots = np.linspace(np.log(x.min()), np.log(x.max()) + 1e-12, _KNOTS)
@@ -346,10 +346,10 @@ def _moments_from_distances(calibration, distance, error, redshift, magnitude):
 
 def _log_prior(calibration, log_d, x, magnitude):
     """The density of sources at a distance, given their magnitudes."""
-    log = calibration.density.log(np.exp(log_d))
+    log_density = calibration.density.log(np.exp(log_d))
     if magnitude is not None:
-        log = log + calibration.luminosity.log(magnitude - 5 / np.log(10) * (log_d + x) - 25)
-    return log
+        log_density = log_density + calibration.luminosity.log(magnitude - 5 / np.log(10) * (log_d + x) - 25)
+    return log_density
 
 
 def _quadrature_probabilities(log_weight):
@@ -405,14 +405,14 @@ def calibrate(
     cosmology = FLAT_PLANCK13 if cosmology is None else cosmology
     sky = as_parts(field)
     bare = bare_calibration(field, redshift_frame, dispersion, cosmology)
-    facts = sky.sum(partial(_calibration_sums, calibration=bare), roles=DISTANCES, words="redshifts")
-    limits = float(min(facts["lowest"])), float(max(facts["highest"]))
-    bare = replace(bare, limits=limits, flow_limits=flow_limits(facts["flow"]))
-    if not facts["counts"][:, 0].any():
+    sums = sky.sum(partial(_sum_for_calibration, calibration=bare), roles=DISTANCES, words="redshifts")
+    limits = float(min(sums["lowest"])), float(max(sums["highest"]))
+    bare = replace(bare, limits=limits, flow_limits=flow_limits(sums["flow"]))
+    if not sums["counts"][:, 0].any():
         return bare
-    typical = median_spread(facts["counts"])
-    _check_redshift_errors(bare, facts, dispersion)
-    n_magnitudes, n = facts["magnitudes"], facts["n"]
+    typical = median_spread(sums["counts"])
+    _check_redshift_errors(bare, sums, dispersion)
+    n_magnitudes, n = sums["magnitudes"], sums["n"]
     if magnitudes is None and 0 < n_magnitudes < n:
         raise FieldError(
             f"{n - n_magnitudes} of {n} sources have no magnitude: leave those out "
@@ -422,14 +422,14 @@ def calibrate(
     if magnitudes and n_magnitudes < n:
         raise ParameterError(f"magnitudes are asked for, and {n - n_magnitudes} of {n} sources have none")
     use = n_magnitudes == n if magnitudes is None else bool(magnitudes)
-    notes = _uncertain_redshifts_note(facts["counts"], typical)
+    notes = _uncertain_redshifts_note(sums["counts"], typical)
     has_luminosity = luminosity is not None
-    bright, complete = _select_far_counts(facts["bright"], typical, cosmology), max(facts["faintest"], default=np.nan)
+    histogram, faintest = _select_far_counts(sums["bright"], typical, cosmology), max(sums["faintest"], default=np.nan)
     if use and not has_luminosity:
-        limit, brighter = find_completeness_limit(bright, complete)
-        if magnitudes is None and not limit >= complete - _FADES:
+        limit, complete_counts = find_completeness_limit(histogram, faintest)
+        if magnitudes is None and not limit >= faintest - _MAX_FADING:
             use = False
-            reach = "none of them" if np.isnan(limit) else f"magnitude {limit:.2f}, not to its faintest, {complete:.2f}"
+            reach = "none of them" if np.isnan(limit) else f"magnitude {limit:.2f}, not to its faintest, {faintest:.2f}"
             notes.append(
                 f"magnitudes are not used: the sample is complete to {reach} (Rauzy's T_C); magnitudes=True uses those "
                 "of the complete part"
@@ -439,19 +439,19 @@ def calibrate(
                 "the magnitudes are complete to no limit (Rauzy's T_C): luminosity function and density of a sample "
                 "that loses faint sources are wrong"
             )
-        elif limit < complete:
+        elif limit < faintest:
             notes.append(
-                f"the sample is complete to magnitude {limit:.2f}, not to its faintest, {complete:.2f} (Rauzy's T_C): "
+                f"the sample is complete to magnitude {limit:.2f}, not to its faintest, {faintest:.2f} (Rauzy's T_C): "
                 "luminosity function and density are those of the complete part"
             )
-            bright, complete = brighter, limit
-            work = partial(_bright_redshift_counts, calibration=bare, limit=limit)
-            facts |= {"counts": sky.sum(work, roles=DISTANCES, words="redshifts of the complete part")}
+            histogram, faintest = complete_counts, limit
+            count_bright = partial(_count_bright_redshifts, calibration=bare, limit=limit)
+            sums |= {"counts": sky.sum(count_bright, roles=DISTANCES, words="redshifts of the complete part")}
     if use:
         if luminosity is not None:
             luminosity_function = LuminosityFunction(luminosity, "luminosity function as given")
         else:
-            luminosity_function = fit_luminosity(bright, complete)
+            luminosity_function = fit_luminosity(histogram, faintest)
             notes.append(
                 "magnitudes constrain distances by a luminosity function fitted to the catalogue, which must be "
                 "complete to its faintest magnitude; otherwise use magnitudes=False (--columns magnitude=)"
@@ -460,13 +460,13 @@ def calibrate(
     elif has_luminosity:
         raise ParameterError("a luminosity function needs magnitudes, which are not used")
     else:
-        bare = replace(bare, errors=variances_by_redshift(facts["variances"]))
+        bare = replace(bare, errors=variances_by_redshift(sums["variances"]))
         notes.append(
             "no magnitudes: distances follow from redshifts alone, and sources with distance errors above 5 % have the "
             "mean weight of their redshift"
         )
-        notes += _large_errors_note(facts["sizes"])
-    return replace(bare, density=_density(density, complete if use else None, facts, bare), notes=tuple(notes))
+        notes += _large_errors_note(sums["sizes"])
+    return replace(bare, density=_make_density(density, faintest if use else None, sums, bare), notes=tuple(notes))
 
 
 def bare_calibration(
@@ -478,37 +478,37 @@ def bare_calibration(
 
 
 #: Redshifts of so many times the typical error are another kind, and so many of them bear on the errors of a velocity.
-_UNSURE, _MANY = 2.0, 0.02
+_UNSURE, _UNCERTAIN_SHARE = 2.0, 0.02
 
 
 def _uncertain_redshifts_note(counts, typical):
     """A note where some redshifts are much less certain than most, as photometric ones among spectroscopic ones."""
-    number = counts[:, 1:].sum(axis=1)
-    error = np.sqrt(counts[:, 0] / np.maximum(number, 1.0))
-    n_uncertain = int(number[error > _UNSURE * typical].sum())
-    if n_uncertain < _MANY * number.sum():
+    totals = counts[:, 1:].sum(axis=1)
+    error = np.sqrt(counts[:, 0] / np.maximum(totals, 1.0))
+    n_uncertain = int(totals[error > _UNSURE * typical].sum())
+    if n_uncertain < _UNCERTAIN_SHARE * totals.sum():
         return []
     return [
-        f"{n_uncertain} of {int(number.sum())} redshifts have errors more than {_UNSURE:g} times the typical one, as "
+        f"{n_uncertain} of {int(totals.sum())} redshifts have errors more than {_UNSURE:g} times the typical one, as "
         "photometric ones have: with galaxies as near as z = 0.002 the errors of a velocity are then up to 15 % too "
         "small (docs/validation.md). Leave those sources out where that matters (--where, field[mask])"
     ]
 
 
 #: Edges of ln₁₀ of variances [(µas/yr)²], and the part of the sources below which half of all variance is of too few.
-_SIZES, _FEW = np.linspace(-8, 18, 261), 0.02
+_EDGES, _FEW_SHARE = np.linspace(-8, 18, 261), 0.02
 
 
 def _large_errors_note(counts):
     """A note where few sources have half of the variance, by whose mean sources of one redshift are weighted."""
-    variances = counts * 10 ** _SIZES[1:]
+    variances = counts * 10 ** _EDGES[1:]
     above = np.cumsum(variances[::-1])[::-1]
-    place = int(np.flatnonzero(above >= above[0] / 2)[-1])
-    number = int(counts[place:].sum())
-    if number >= _FEW * counts.sum():
+    cell = int(np.flatnonzero(above >= above[0] / 2)[-1])
+    n_above = int(counts[cell:].sum())
+    if n_above >= _FEW_SHARE * counts.sum():
         return []
     return [
-        f"warning: {number} of {counts.sum()} sources, with errors above {10 ** (_SIZES[place] / 2):.2g} µas/yr, have "
+        f"warning: {n_above} of {counts.sum()} sources, with errors above {10 ** (_EDGES[cell] / 2):.2g} µas/yr, have "
         "half of the variance, by whose mean all sources of one redshift are weighted: leave them out (--where, "
         "field[mask])"
     ]
@@ -522,20 +522,20 @@ def calibrate_if_known(
     frame = check_redshift_frame(redshift_frame or declared_frame(sky) or TRUE)
     if frame == TRUE:
         return None
-    usable_ones = sky.map(partial(with_redshift, redshift_frame=frame))
+    usable_sources = sky.map(partial(with_redshift, redshift_frame=frame))
     try:
-        n_magnitudes, n = usable_ones.sum(_count_magnitudes, roles=DISTANCES, words="magnitudes")
+        n_magnitudes, n = usable_sources.sum(_count_magnitudes, roles=DISTANCES, words="magnitudes")
     except EmptyFieldError:  # no source is beyond the flow
         return None
     dispersion = WHOLE_DISPERSION if dispersion is None else dispersion
-    return calibrate(usable_ones, frame, dispersion, magnitudes=None if n_magnitudes == n else False)
+    return calibrate(usable_sources, frame, dispersion, magnitudes=None if n_magnitudes == n else False)
 
 
 def _count_magnitudes(field):
     return np.array([0 if field.magnitude is None else np.isfinite(field.magnitude).sum(), len(field)])
 
 
-def _density(density, limit, facts, calibration):
+def _make_density(density, limit, sums, calibration):
     if callable(density):
         return SourceDensity(GivenDensity(density), "as given")
     if density == "volume":
@@ -543,9 +543,9 @@ def _density(density, limit, facts, calibration):
     if density not in (None, "fitted"):
         raise ParameterError(f'a density is "volume", "fitted" or a function of distance, not {density!r}')
     # A catalogue that was cut in redshifts as observed lacks, next to its limits, sources of some directions.
-    lower, upper, shift = min(facts["lowest seen"]), max(facts["highest seen"]), max(facts["shift"])
+    lower, upper, shift = min(sums["lowest seen"]), max(sums["highest seen"]), max(sums["shift"])
     inner_limits = (float(np.expm1(np.log1p(lower) + shift)), float(np.expm1(np.log1p(upper) - shift)))
-    fitted = fit_density(facts["counts"], calibration.log_distance, calibration.limits, inner_limits)
+    fitted = fit_density(sums["counts"], calibration.log_distance, calibration.limits, inner_limits)
     if limit is None:
         return fitted
     return complete_density(fitted, calibration.luminosity, limit, calibration.log_distance)
@@ -559,13 +559,13 @@ def declared_frame(field: Field | Parts) -> str | None:
     return frame
 
 
-def _calibration_sums(field, calibration):
+def _sum_for_calibration(field, calibration):
     """Sums over some sources for the calibration of all."""
     z = calibration.redshift(field)
     error = calibration.spread(field, z)
     modulus = distance_modulus(transverse_distance(z, calibration.cosmology), z)
     has_magnitude = np.zeros(len(field), bool) if field.magnitude is None else np.isfinite(field.magnitude)
-    bright = field.magnitude[has_magnitude] if has_magnitude.any() else np.empty(0)
+    magnitudes = field.magnitude[has_magnitude] if has_magnitude.any() else np.empty(0)
     return {
         "n": len(field),
         "lowest": [z.min()],
@@ -575,27 +575,27 @@ def _calibration_sums(field, calibration):
         "shift": [np.abs(np.log1p(z) - np.log1p(field.redshift)).max()],
         "lost": int(np.sum(error > np.log1p(z))),
         "magnitudes": int(has_magnitude.sum()),
-        "faintest": [bright.max()] if has_magnitude.any() else [],
-        "bright": absolute_magnitude_histogram(bright, modulus[has_magnitude]),
+        "faintest": [magnitudes.max()] if has_magnitude.any() else [],
+        "bright": absolute_magnitude_histogram(magnitudes, modulus[has_magnitude]),
         "counts": redshift_counts(z, error),
         "flow": flow_information(z, field.information),
         "variances": variance_sums(z, field.sigma),
-        "sizes": np.histogram(np.log10(np.mean(field.sigma**2, 0)), _SIZES)[0],
+        "sizes": np.histogram(np.log10(np.mean(field.sigma**2, 0)), _EDGES)[0],
     }
 
 
-def _bright_redshift_counts(field, calibration, limit):
-    """Redshifts of the sources that are as bright as a limit."""
+def _count_bright_redshifts(field, calibration, limit):
+    """Counts by redshift and error, as of `redshift_counts`, of the sources that are as bright as a limit."""
     z = calibration.redshift(field)
-    inside = field.magnitude <= limit
-    return redshift_counts(z[inside], calibration.spread(field, z)[inside])
+    is_bright = field.magnitude <= limit
+    return redshift_counts(z[is_bright], calibration.spread(field, z)[is_bright])
 
 
-def _check_redshift_errors(calibration, facts, dispersion):
-    if 2 * facts["lost"] > facts["n"]:
+def _check_redshift_errors(calibration, sums, dispersion):
+    if 2 * sums["lost"] > sums["n"]:
         raise FieldError(
             f"the errors and peculiar velocities of redshifts ({dispersion:g} km/s) are larger than c z of "
-            f"{facts['lost']} of {facts['n']} sources: their redshifts tell no distance. Take farther sources, or "
+            f"{sums['lost']} of {sums['n']} sources: their redshifts tell no distance. Take farther sources, or "
             "distances (distance=) that something else tells"
         )
 

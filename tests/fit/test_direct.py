@@ -64,7 +64,7 @@ def test_agrees_with_the_harmonics_to_rounding():
 def test_many_blocks_are_one_solution(monkeypatch):
     motions, offsets = simulated(3)
     whole = fit.direct.solve_frame(motions, offsets)
-    monkeypatch.setattr(fit.direct, "_ROWS", 7)
+    monkeypatch.setattr(fit.direct, "_BLOCK_SIZE", 7)
     np.testing.assert_allclose(fit.direct.solve_frame(motions, offsets).values, whole.values, rtol=1e-10)
 
 

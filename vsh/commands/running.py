@@ -24,7 +24,7 @@ from vsh.tools.errors import VshError, VshWarning
 from vsh.tools.files import check_not_read, digest, protect_files
 from vsh.tools.formats import hide_address_secrets, hide_secrets, is_address
 from vsh.tools.parallel import end_elapsed, limit_threads, show_elapsed, without_bars
-from vsh.tools.printing import PACKAGES, guard_printing, printable, silence, silence_if_broken, system_message
+from vsh.tools.printing import PACKAGES, format_system_message, guard_printing, printable, silence, silence_if_broken
 
 #: Options that change no result, and what the parser found besides.
 NOT_TOLD = (*sorted({*NOT_KEPT} - {"checkpoint", "url"}), "log", "threads", "command", "given", "program", "expected")
@@ -93,7 +93,7 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
         return 0
     except OSError as error:
         silence_if_broken()
-        return _report_failure(program, f"error: {system_message(error)}")
+        return _report_failure(program, f"error: {format_system_message(error)}")
     except VshError as error:
         return _report_failure(program, f"error: {error}")
     except KeyboardInterrupt as error:
@@ -140,13 +140,13 @@ class _LogHandler(logging.FileHandler):
 
     def handleError(self, record: logging.LogRecord) -> None:
         error = sys.exc_info()[1]
-        self.failed = self.failed or (system_message(error) if isinstance(error, OSError) else str(error))
+        self.failed = self.failed or (format_system_message(error) if isinstance(error, OSError) else str(error))
 
     def close(self) -> None:
         try:
             super().close()
         except OSError as error:
-            self.failed = self.failed or system_message(error)
+            self.failed = self.failed or format_system_message(error)
 
 
 def _check_log(options):

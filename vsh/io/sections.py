@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.tools.digits import format_cell, format_with_error, printed_p_value, round_to_error
+from vsh.tools.digits import format_cell, format_to_error_digits, format_with_error, printed_p_value
 from vsh.tools.notebook import InNotebook
 from vsh.tools.printing import format_labelled_lines, printable
 from vsh.tools.types import Table
@@ -77,7 +77,7 @@ def format_table(
         elif name.startswith("correlation_"):
             cells = [f"{item:+.3f}" for item in values]
         elif (name.startswith(_PREFIXES_OF_NUMBERS) and "sigma" in table.colnames) or name == "sigma":
-            cells = [round_to_error(*item) for item in zip(values, table["sigma"].tolist(), strict=True)]
+            cells = [format_to_error_digits(*item) for item in zip(values, table["sigma"].tolist(), strict=True)]
         else:
             cells = [format_cell(item, digits) for item in values]
         words = f"r({name.removeprefix('correlation_')})" if name.startswith("correlation_") else name.replace("_", " ")

@@ -29,7 +29,7 @@ def as_floats(
 ) -> tuple[FloatArray, BoolArray]:
     """A column as doubles in native byte order, and the mask of what is missing; numbers may be written as text."""
     if type(value) is np.ndarray and value.dtype == _DOUBLE and value.ndim and value.flags.c_contiguous:
-        return value, _empty_mask(value.shape)  # at once: small parts wait for this more than for their sums
+        return value, _make_false_mask(value.shape)  # at once: small parts wait for this more than for their sums
     if callable(value) or isinstance(value, dict) or value is None:
         raise FieldError(f"{column} must be a column of numbers, not {type(value).__name__}")
     if hasattr(value, "to_value"):  # a Quantity, bare or masked, without importing astropy
@@ -53,12 +53,12 @@ def as_floats(
     if array.dtype.kind not in "OiufUS":
         raise FieldError(f"{column} holds {array.dtype.name}, not real numbers")
     if array.dtype.kind in "OUS":
-        array = _parse_text(column, array if missing is None else np.where(missing, "", array), first_row)
+        array = _parse_numbers(column, array if missing is None else np.where(missing, "", array), first_row)
     try:
         floats = np.ascontiguousarray(array, dtype=float)
     except (TypeError, ValueError) as error:
         raise FieldError(f"{column} must be a column of numbers: {error}") from None
-    return floats, _empty_mask(floats.shape) if missing is None else np.broadcast_to(missing, floats.shape)
+    return floats, _make_false_mask(floats.shape) if missing is None else np.broadcast_to(missing, floats.shape)
 
 
 def floats_or_nan(column: str, value: Any) -> FloatArray:
@@ -68,7 +68,7 @@ def floats_or_nan(column: str, value: Any) -> FloatArray:
 
 
 @lru_cache(maxsize=16)
-def _empty_mask(shape):
+def _make_false_mask(shape):
     """The mask of a column that has all its values: one False for all rows."""
     return np.broadcast_to(False, shape)
 
@@ -82,7 +82,7 @@ def check_shapes(columns: Mapping[str, FloatArray], expected: Callable[[str], tu
             )
 
 
-def invalid_rows(
+def find_bad_rows(
     lon: FloatArray,
     lat: FloatArray,
     motion: FloatArray,
@@ -97,7 +97,7 @@ def invalid_rows(
     """Reasons why sources cannot be used, the first of a source being the one that counts; `spans` of the arrays where
     they are known."""
     reasons: dict[str, Any] = dict(further or {})
-    marks = [*reasons.values(), *([] if placeholders is None else [placeholders])]
+    masks = [*reasons.values(), *([] if placeholders is None else [placeholders])]
     limits = {
         "sigma": (sigma, *SIGMA_RANGE),
         "motion": (motion, -SIGMA_RANGE[1], SIGMA_RANGE[1]),
@@ -106,8 +106,8 @@ def invalid_rows(
         "lon": (lon, -2 * np.pi * turns, 2 * np.pi * turns),
     }
     column_spans = {} if spans is None else spans
-    if not any(_any_marked(mask) for mask in marks) and all(
-        within(column_spans.get(name) or span_of(values), lower, upper)
+    if not any(_has_marked(mask) for mask in masks) and all(
+        is_within(column_spans.get(name) or span_of(values), lower, upper)
         for name, (values, lower, upper) in limits.items()
     ):
         return {}
@@ -139,28 +139,28 @@ def joint_span(spans: Mapping[str, Span], names: Sequence[str], factor: float) -
     return float(lower.min()), float(upper.max())
 
 
-def _any_marked(mask):
+def _has_marked(mask):
     """Return whether a mask marks any row; where one number stands for all, it is looked at once."""
     return bool(mask[:1].any() if mask.strides == (0,) else mask.any())
 
 
-def within(span: Span, low: float, high: float) -> bool:
+def is_within(span: Span, low: float, high: float) -> bool:
     """Return whether all values lie between two limits; not where one is not a number."""
     return bool(span[0] > low and span[1] < high)
 
 
 #: What catalogues write where they have no value; no motion and no error is exactly one of these.
 PLACEHOLDER = "a value such as -9999 that marks missing data"
-_PLACEHOLDERS = np.array(
+_PLACEHOLDER_VALUES = np.array(
     [9999.0, 9999.9, 9999.99, 32767.0, 32768.0, 99999.0, 999999.0, 2147483647.0, 2147483648.0, 9.99e9, 1e20, 1e30,
      1.6375e30, 1e31]
 )  # fmt: skip
 #: More motions of exactly (0, 0) than so many are missing values, unless their numbers are rounded.
 _FEW_ZEROS = 3
 #: The share of the others with one component of zero from which on motions are rounded.
-_ROUNDED = 0.01
+_ROUNDED_SHARE = 0.01
 #: These a motion might be; not both components of a source.
-_LIKELY = np.array([-9.99, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, 99.9, 99.99, 999.0, 999.9, 999.99])
+_DOUBTFUL = np.array([-9.99, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, 99.9, 99.99, 999.0, 999.9, 999.99])
 
 
 def find_placeholder_rows(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | None = None) -> BoolArray:
@@ -169,18 +169,18 @@ def find_placeholder_rows(columns: Mapping[str, FloatArray], spans: Mapping[str,
     is_placeholder = np.zeros(len(columns["pmra"]), bool)
     with np.errstate(invalid="ignore"):
         for name, values in columns.items():
-            if within(column_spans[name], -_PLACEHOLDERS[0], _PLACEHOLDERS[0]):
+            if is_within(column_spans[name], -_PLACEHOLDER_VALUES[0], _PLACEHOLDER_VALUES[0]):
                 continue
-            large = np.abs(values) >= _PLACEHOLDERS[0]
-            if large.any():
-                is_placeholder[large] |= np.isin(np.abs(values[large]), _PLACEHOLDERS)
+            is_large = np.abs(values) >= _PLACEHOLDER_VALUES[0]
+            if is_large.any():
+                is_placeholder[is_large] |= np.isin(np.abs(values[is_large]), _PLACEHOLDER_VALUES)
         is_equal = columns["pmra"] == columns["pmdec"]
     if is_equal.any():
-        is_placeholder[is_equal] |= np.isin(columns["pmra"][is_equal], _LIKELY)
+        is_placeholder[is_equal] |= np.isin(columns["pmra"][is_equal], _DOUBTFUL)
     return is_placeholder
 
 
-def zero_motion_rows(pmra: FloatArray, pmdec: FloatArray) -> dict[str, BoolArray]:
+def find_zero_motion_rows(pmra: FloatArray, pmdec: FloatArray) -> dict[str, BoolArray]:
     """Rows whose motions are exactly (0, 0), where those are more than a few, as a reason to leave them out.
 
     Rounded motions, some of which are zero in one component alone, are none. Where all are zero, the
@@ -189,11 +189,11 @@ def zero_motion_rows(pmra: FloatArray, pmdec: FloatArray) -> dict[str, BoolArray
     if np.shape(pmra) != np.shape(pmdec) or np.ndim(pmra) != 1:
         return {}
     is_zero = np.ma.filled(np.ma.asarray(pmra) == 0, False), np.ma.filled(np.ma.asarray(pmdec) == 0, False)
-    both, one = is_zero[0] & is_zero[1], is_zero[0] ^ is_zero[1]
-    is_rounding = one.sum() > max(_ROUNDED * (len(both) - both.sum()), both.sum() / 50)
-    if not _FEW_ZEROS < both.sum() < len(both) or is_rounding:
+    is_null, has_one_zero = is_zero[0] & is_zero[1], is_zero[0] ^ is_zero[1]
+    is_rounded = has_one_zero.sum() > max(_ROUNDED_SHARE * (len(is_null) - is_null.sum()), is_null.sum() / 50)
+    if not _FEW_ZEROS < is_null.sum() < len(is_null) or is_rounded:
         return {}
-    return {"motion of exactly 0 in both components, a mark of missing values": both}
+    return {"motion of exactly 0 in both components, a mark of missing values": is_null}
 
 
 def doubtful_motion_notes(
@@ -201,26 +201,26 @@ def doubtful_motion_notes(
 ) -> tuple[str, ...]:
     """A note on motions that are −999 or 99.99, say, in one component: perhaps missing values; they are used."""
     column_spans = {name: span_of(values) for name, values in columns.items()} if spans is None else spans
-    if all(within(column_spans[name], -50.0, 50.0) for name in ("pmra", "pmdec")):
+    if all(is_within(column_spans[name], -50.0, 50.0) for name in ("pmra", "pmdec")):
         return ()
     with np.errstate(invalid="ignore"):
-        odd = np.stack([np.isin(columns[name], _LIKELY) & (np.abs(columns[name]) > 50) for name in ("pmra", "pmdec")])
-    rows = odd.any(0)
-    if not rows.any():
+        odd = np.stack([np.isin(columns[name], _DOUBTFUL) & (np.abs(columns[name]) > 50) for name in ("pmra", "pmdec")])
+    has_doubtful = odd.any(0)
+    if not has_doubtful.any():
         return ()
-    values = np.unique(np.concatenate([columns[name][mask] for name, mask in zip(("pmra", "pmdec"), odd)]))
-    examples = ", ".join(f"{value:g}" for value in values[:4])
-    count = f"{rows.sum()} row{' has' if rows.sum() == 1 else 's have'}"
-    first = rows.argmax() if row_numbers is None else np.asarray(row_numbers)[rows.argmax()]
-    text = (
+    doubtful = np.unique(np.concatenate([columns[name][mask] for name, mask in zip(("pmra", "pmdec"), odd)]))
+    examples = ", ".join(f"{value:g}" for value in doubtful[:4])
+    count = f"{has_doubtful.sum()} row{' has' if has_doubtful.sum() == 1 else 's have'}"
+    first_row = has_doubtful.argmax() if row_numbers is None else np.asarray(row_numbers)[has_doubtful.argmax()]
+    message = (
         f"warning: {count} a motion of {examples} in one component: a mark of missing values? It is used (first: "
-        f"row {first}); leave such rows out with --where"
+        f"row {first_row}); leave such rows out with --where"
     )
-    return (CodedNote(text, DOUBT),)
+    return (CodedNote(message, DOUBT),)
 
 
-def checked_columns(noun: Any, floats: Sequence[str], others: Sequence[str]) -> dict[str, FloatArray]:
-    """The arrays of a noun with one entry a source (lon, lat, motion, sigma, rho, …), checked: a dict."""
+def check_columns(noun: Any, floats: Sequence[str], others: Sequence[str]) -> dict[str, FloatArray]:
+    """Check the arrays of a noun with one entry a source (lon, lat, motion, sigma, rho, …), and return them by name."""
     for column in ("lon", "lat", "sigma", *({"motion"} if hasattr(noun, "magnitude") else ())):
         if getattr(noun, column) is None:
             raise FieldError(f"{column} is missing")
@@ -235,7 +235,7 @@ def checked_columns(noun: Any, floats: Sequence[str], others: Sequence[str]) -> 
     shapes = {"motion": (2, lon.size), "sigma": (2, lon.size)}
     check_shapes(arrays, lambda column: shapes.get(column, (lon.size,)))
     motion = arrays.get("motion", np.zeros((2, lon.size)))
-    select_usable(invalid_rows(arrays["lon"], arrays["lat"], motion, arrays["sigma"], arrays["rho"]), lon.size)
+    select_usable(find_bad_rows(arrays["lon"], arrays["lat"], motion, arrays["sigma"], arrays["rho"]), lon.size)
     return arrays
 
 
@@ -251,13 +251,13 @@ def select_usable(
     if n == 0:
         raise EmptyFieldError("the catalogue is empty: there are no sources to use")
     # A row is counted once, for the first of its reasons.
-    bad, reasons = np.zeros(n, bool), {**(aside or {}), **invalid}
+    is_bad, reasons = np.zeros(n, bool), {**(aside or {}), **invalid}
     for reason, mask in reasons.items():
-        reasons[reason] = mask & ~bad
-        bad |= mask
-    wrong = any(reasons[reason].any() for reason in invalid)
+        reasons[reason] = mask & ~is_bad
+        is_bad |= mask
+    has_invalid = any(reasons[reason].any() for reason in invalid)
     invalid = {reason: mask for reason, mask in reasons.items() if mask.any()}
-    count = int(bad.sum())
+    count = int(is_bad.sum())
     if not count:
         return slice(None), ()
     details = "; ".join(
@@ -265,16 +265,16 @@ def select_usable(
     )
     message = f"{count} of {n} rows cannot be used: {details}"
     counts = {reason: int(mask.sum()) for reason, mask in invalid.items()}
-    note = DroppedRows.of_table(counts, n, np.packbits(bad), *mark)
+    note = DroppedRows.of_table(counts, n, np.packbits(is_bad), *mark)
     if count == n:
         error = EmptyFieldError(f"{message}. No row is left")
         error.notes = (note,)
         raise error
-    if on_bad == "raise" and wrong:
+    if on_bad == "raise" and has_invalid:
         raise FieldError(
             f'{message}; rows are counted from 0. Fix them, or leave them out with on_bad="drop" (--on-bad drop)'
         )
-    return ~bad, (note,)
+    return ~is_bad, (note,)
 
 
 def _format_row_numbers(mask, first_row=0, limit=5):
@@ -292,9 +292,9 @@ def row_numbers(rows: Any, first_row: Any) -> Any:
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|nan|", re.IGNORECASE)
 
 
-def _parse_text(column, array, first_row):
+def _parse_numbers(column, array, first_row):
     """An array whose texts are numbers, with a minus or an exponent as they may be written; blank ones are nan."""
-    parsed, wrong = array.astype(object), {}
+    parsed, texts = array.astype(object), {}
     for row, entry in enumerate(array.ravel()):
         if isinstance(entry, (str, bytes)):
             text = (entry.decode("utf-8", "replace") if isinstance(entry, bytes) else str(entry)).strip()
@@ -302,36 +302,36 @@ def _parse_text(column, array, first_row):
             if _NUMBER.fullmatch(number):
                 parsed.flat[row] = float(re.sub("[dD]", "e", number) or "nan")
             else:
-                wrong[row] = text
-    if wrong:
-        (row, text), several = next(iter(wrong.items())), f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+                texts[row] = text
+    if texts:
+        (row, text), more = next(iter(texts.items())), f" and {len(texts) - 1} more" if len(texts) > 1 else ""
         quoted = one_line_text(text[:40])
-        remedy = f"--where {shlex.quote(f'{column} != {quoted!r}')}" if len(set(wrong.values())) == 1 else "a condition"
-        at = row_numbers(np.array([row]), first_row)[0]
+        remedy = f"--where {shlex.quote(f'{column} != {quoted!r}')}" if len(set(texts.values())) == 1 else "a condition"
+        row_number = row_numbers(np.array([row]), first_row)[0]
         raise FieldError(
-            f"{column} holds text ({quoted!r} in row {at}, counted from 0{several}); it must "
+            f"{column} holds text ({quoted!r} in row {row_number}, counted from 0{more}); it must "
             f"be a column of numbers: correct them, or leave them out by {remedy}"
         )
     return parsed
 
 
 def check_measurements(noun: Any) -> None:
-    """Raise FieldError where errors of redshifts and parallaxes, or distances of a field cannot be used."""
+    """Raise FieldError where distances, or errors of redshifts, distances or parallaxes, cannot be used."""
     for column in ("redshift_error", "distance", "distance_error", "parallax_error"):
         values = getattr(noun, column)
         if values is None:
             continue
-        least = "zero or more" if column == "redshift_error" else "above zero"
+        limit = "zero or more" if column == "redshift_error" else "above zero"
         with np.errstate(invalid="ignore"):
-            bad = (values < 0) | ((values == 0) & (least != "zero or more")) | np.isinf(values)
+            bad = (values < 0) | ((values == 0) & (limit != "zero or more")) | np.isinf(values)
         if bad.any():
-            raise FieldError(f"{bad.sum()} values of {column} (first: row {bad.argmax()}) are not {least}, nor missing")
+            raise FieldError(f"{bad.sum()} values of {column} (first: row {bad.argmax()}) are not {limit}, nor missing")
     if noun.distance is not None:
         has_distance = np.isfinite(noun.distance)
-        lost = has_distance & ~np.isfinite(np.nan if noun.distance_error is None else noun.distance_error)
-        if lost.any():
+        lacks_error = has_distance & ~np.isfinite(np.nan if noun.distance_error is None else noun.distance_error)
+        if lacks_error.any():
             raise FieldError(
-                f"{lost.sum()} of {has_distance.sum()} distances have no errors "
+                f"{lacks_error.sum()} of {has_distance.sum()} distances have no errors "
                 "(distance_error=, --columns distance_error=NAME): how far they are to be trusted is what they are "
                 "worth"
             )

@@ -16,7 +16,7 @@ def format_with_error(value: Any, error: Any, sign: str = "") -> str:
     """A value with its error, of which two digits are printed; `sign` "+" prints a sign of positive values, too."""
     value, error = (float(x) if isinstance(x, (int, np.number)) else x for x in (value, error))
     if not (isinstance(value, float) and isinstance(error, float) and np.isfinite(value) and error > 0):
-        return round_to_error(value, error)
+        return format_to_error_digits(value, error)
     if not 1e-6 < error < 1e6:
         return f"{value:{sign}.5g} ± {error:.2g}"
     digits = decimals_of_error(error)
@@ -33,7 +33,7 @@ def format_values(values: Iterable[float], sigmas: Any) -> tuple[str, ...]:
     return tuple(f"± {s:.{digits}f}" if np.isnan(v) else f"{v:+z.{digits}f} ± {s:.{digits}f}" for v, s in pairs)
 
 
-def round_to_error(value: Any, error: Any) -> str:
+def format_to_error_digits(value: Any, error: Any) -> str:
     """A value with the decimals that its error would have."""
     has_error = isinstance(value, float) and isinstance(error, float) and np.isfinite(value) and 1e-6 < error < 1e6
     return f"{value:z.{decimals_of_error(error)}f}" if has_error else format_cell(value)

@@ -145,20 +145,20 @@ class MissingAttribute(AttributeError):
     """The error for an attribute that an object does not have; what it may be is looked for when the error is shown."""
 
     def __str__(self) -> str:
-        thing, name = self.obj, str(self.name)
-        names = [name for name in dir(thing) if not name.startswith("_")]
+        owner, name = self.obj, str(self.name)
+        names = [name for name in dir(owner) if not name.startswith("_")]
         hint = ATTRIBUTES.get(name, "")
         if re.sub(r"\W.*", "", hint) not in names and not hint.startswith(("fit.", "field[")):
             hint = " or ".join(get_close_matches(name, names, n=2))
-        return f"{type(thing).__name__} has no {name}{hint and f': did you mean {hint}?'}"
+        return f"{type(owner).__name__} has no {name}{hint and f': did you mean {hint}?'}"
 
 
-def missing_name_error(module: str, name: str, names: list[str], otherwise: AttributeError) -> AttributeError:
+def missing_name_error(module: str, name: str, names: list[str], original_error: AttributeError) -> AttributeError:
     """The error for a name that a module does not have, with what it may be."""
     if name.startswith("_"):
-        return otherwise
+        return original_error
     hint = NAMES.get(name) or " or ".join(get_close_matches(name, names, n=3))
-    return AttributeError(f"{module} has no {name}: did you mean {hint}?", name=name) if hint else otherwise
+    return AttributeError(f"{module} has no {name}: did you mean {hint}?", name=name) if hint else original_error
 
 
 def unknown_argument_error(function: Callable[..., Any], error: TypeError) -> TypeError:

@@ -32,14 +32,14 @@ import vsh
 from vsh.sky.frames import AXES, FRAME_KEY, MEASURED_KEY, REDSHIFT_FRAME_COLUMN, REDSHIFT_FRAME_KEY
 from vsh.tools.errors import ParameterError, TableError, WriteError
 from vsh.tools.formats import BY_KIND, PACKED, WRITTEN, column_of
-from vsh.tools.parallel import keep_set
+from vsh.tools.parallel import set_meanwhile
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, PathName, Table
 
 #: Columns of positions and motions, and of times, in the order of barycentric coordinate time since 2010 (Gaia DR4).
-_ON_THE_SKY = ("lon", "lat", "ra0", "dec0", *(name for names in AXES.values() for name in names))
-_ON_THE_SKY += tuple(f"{name}_error" for names in AXES.values() for name in names[2:])
-_TIMES = ("obs_time_tcb",)
+_SKY_COLUMNS = ("lon", "lat", "ra0", "dec0", *(name for names in AXES.values() for name in names))
+_SKY_COLUMNS += tuple(f"{name}_error" for names in AXES.values() for name in names[2:])
+_TIME_COLUMNS = ("obs_time_tcb",)
 #: IVOA's names of the frames (COOSYS of VOTable 1.4), and the Julian date (TCB) that DR4's times are counted from.
 _SYSTEMS = {"icrs": "ICRS", "galactic": "galactic", "ecliptic": "ecl_FK5"}
 _DR4_ORIGIN = 2455197.5
@@ -48,7 +48,7 @@ _UCD_OF_FRAME = {
     "ecl_FK5": {"pos.eq.ra": "pos.ecliptic.lon", "pos.eq.dec": "pos.ecliptic.lat"},
 }
 #: What the epoch of positions is called in metadata.
-_EPOCHS = ("REFEPOCH", "REF_EPOCH", "EPOCH")
+_EPOCH_KEYS = ("REFEPOCH", "REF_EPOCH", "EPOCH")
 #: Names within the file that no column and no parameter has.
 _FRAME, _TIME = "vsh_frame", "vsh_time"
 
@@ -61,13 +61,13 @@ def write_votable(table: Table, path: Path) -> None:
     document = from_table(table)
     document.version = "1.4"
     element = document.get_first_table()
-    for entry in element.fields:
-        column = column_of(str(entry.name), entry.unit)
-        entry.ucd = column and column.ucd
-        entry.unit = _standard_unit(entry.unit)
-        if entry.arraysize == "1" and entry.datatype in ("char", "unicodeChar"):
-            entry.arraysize = "*"  # a single character has no array size since erratum 3 of VOTable 1.3
-    _add_systems(document, element, table.meta)
+    for field in element.fields:
+        column = column_of(str(field.name), field.unit)
+        field.ucd = column and column.ucd
+        field.unit = _standard_unit(field.unit)
+        if field.arraysize == "1" and field.datatype in ("char", "unicodeChar"):
+            field.arraysize = "*"  # a single character has no array size since erratum 3 of VOTable 1.3
+    _add_frame_and_time_scale(document, element, table.meta)
     for key, value in table.meta.items():
         options = {"datatype": "unicodeChar", "arraysize": "*"}
         if isinstance(value, (list, tuple, dict)):
@@ -98,17 +98,17 @@ def _standard_unit(unit):
     return CompositeUnit(unit.scale, bases, unit.powers)
 
 
-def _add_systems(document, element, meta):
+def _add_frame_and_time_scale(document, element, meta):
     """State the coordinate frame, its epoch where it is known, and the time scale of a VOTable."""
     from astropy.io.votable.tree import CooSys, TimeSys
 
     resource = document.resources[0]
     # `l` is a degree as well as a longitude: its UCD says which.
-    sky_columns = [column for column in element.fields if column.name in _ON_THE_SKY and "pos." in str(column.ucd)]
-    facts = {str(key).upper(): value for key, value in meta.items()}
+    sky_columns = [column for column in element.fields if column.name in _SKY_COLUMNS and "pos." in str(column.ucd)]
+    metadata = {str(key).upper(): value for key, value in meta.items()}
     if sky_columns:
-        epoch = next((facts[key] for key in _EPOCHS if facts.get(key)), None)
-        system = _SYSTEMS.get(str(facts.get("FRAME", "icrs")).lower(), "ICRS")
+        epoch = next((metadata[key] for key in _EPOCH_KEYS if metadata.get(key)), None)
+        system = _SYSTEMS.get(str(metadata.get("FRAME", "icrs")).lower(), "ICRS")
         options = {}
         with suppress(TypeError, ValueError):  # none, or no number
             options = {"epoch": f"J{float(str(epoch)):.3f}"}
@@ -117,14 +117,14 @@ def _add_systems(document, element, meta):
         axes = _UCD_OF_FRAME.get(system, {})
         for column in sky_columns:
             column.ref = _FRAME
-            for ours, theirs in axes.items():
-                column.ucd = column.ucd and column.ucd.replace(ours, theirs)
-    times = [column for column in element.fields if column.name in _TIMES]
-    if times:
+            for equatorial, frame_ucd in axes.items():
+                column.ucd = column.ucd and column.ucd.replace(equatorial, frame_ucd)
+    time_columns = [column for column in element.fields if column.name in _TIME_COLUMNS]
+    if time_columns:
         config = {"version_1_4_or_later": True}
         resource.time_systems.append(TimeSys(ID=_TIME, timeorigin=_DR4_ORIGIN, timescale="TCB",
                                              refposition="TOPOCENTER", config=config))  # fmt: skip
-        for column in times:
+        for column in time_columns:
             column.ref = _TIME
 
 
@@ -137,12 +137,12 @@ _LOG = logging.getLogger(__name__)
 #: By what files were made: in the metadata of tables, pictures and pages.
 MARK = "vsh-astrometry"
 #: What the run reads.
-_READ: ContextVar[frozenset[Path]] = ContextVar("read", default=frozenset())
+_PROTECTED: ContextVar[frozenset[Path]] = ContextVar("read", default=frozenset())
 #: How the names of files that are being written begin; nobody else's files do.
 UNFINISHED = ".vsh-unfinished-"
 #: This machine, in such names, and the age at which what another one left is taken for abandoned. [s]
 _MACHINE = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
-_OLD = 86400
+_MAX_AGE = 86400
 _LOCK = f"{UNFINISHED}lock-"
 
 
@@ -201,10 +201,10 @@ def _unfinished_prefix():
 def file_stamp(path: PathName) -> tuple[int, int]:
     """The size and time of change of a file, by which it is known again on any machine that sees it."""
     try:
-        facts = Path(path).stat()
+        status = Path(path).stat()
     except OSError as error:
         raise TableError(f"{printable(path)} cannot be read: {error.strerror}") from error
-    return facts.st_size, facts.st_mtime_ns
+    return status.st_size, status.st_mtime_ns
 
 
 def check_unchanged(label: PathName, record: Any, now: Any) -> None:
@@ -214,12 +214,12 @@ def check_unchanged(label: PathName, record: Any, now: Any) -> None:
 
 
 #: Catalogues are at most so many times larger than their files, or so large. [bytes]
-_PACKED, _SMALL = 200, 2**26
+_MAX_PACKING, _SMALL_SIZE = 200, 2**26
 
 
 def check_unpacked_size(label: str, n_bytes: float, size: int) -> None:
     """Raise TableError where a file says of itself that it holds much more than a catalogue could be packed into it."""
-    if n_bytes > max(_PACKED * size, _SMALL):
+    if n_bytes > max(_MAX_PACKING * size, _SMALL_SIZE):
         raise TableError(
             f"{label} would be {n_bytes / 2**30:.2g} GiB or more, from a file of {size} bytes: measured numbers do not "
             "pack so tightly, so it is damaged, or no catalogue"
@@ -232,8 +232,8 @@ def digest(path: PathName) -> str:
     if not path.exists():  # one of several tables in a file, by its number
         path = Path(re.sub(r"#[^#]+$", "", str(path)))
     if path.is_dir():
-        inside = sorted(file for file in path.rglob("*") if file.is_file())
-        return hashlib.sha256("\n".join(f"{f.relative_to(path)} {digest(f)}" for f in inside).encode()).hexdigest()
+        files = sorted(file for file in path.rglob("*") if file.is_file())
+        return hashlib.sha256("\n".join(f"{f.relative_to(path)} {digest(f)}" for f in files).encode()).hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -248,16 +248,16 @@ def digest_of(things: Iterable[Any]) -> str:
 
 def protect_files(paths: Iterable[PathName]) -> AbstractContextManager[None]:
     """Meanwhile nothing is written to these files, into these folders, nor to a folder with one of them in it."""
-    return keep_set(_READ, _READ.get() | {Path(os.path.realpath(path)) for path in paths})
+    return set_meanwhile(_PROTECTED, _PROTECTED.get() | {Path(os.path.realpath(path)) for path in paths})
 
 
-def check_not_read(path: PathName, shown: str | None = None) -> None:
+def check_not_read(path: PathName, label: str | None = None) -> None:
     """Raise WriteError where a path is, holds or lies in what the run reads."""
     path = Path(os.path.realpath(path))
-    for source in _READ.get():
+    for source in _PROTECTED.get():
         if path == source or path in source.parents or (source in path.parents and source.is_dir()):
             relation = "is" if path == source else "lies in" if source in path.parents else "holds"
-            raise WriteError(f"{shown or path.name} {relation} what is read, {source.name}: name another place")
+            raise WriteError(f"{label or path.name} {relation} what is read, {source.name}: name another place")
 
 
 @contextmanager
@@ -267,21 +267,21 @@ def hold_lock(path: PathName) -> Iterator[None]:
     if fcntl is None:
         yield
         return
-    lock = path.with_name(f"{_LOCK}{path.name[-100:]}")
+    lock_path = path.with_name(f"{_LOCK}{path.name[-100:]}")
     while True:
-        handle = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+        handle = os.open(lock_path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             os.close(handle)
             raise WriteError(f"another process is writing {path.name}: wait for it, or name another") from None
-        if os.path.exists(lock) and os.path.samestat(os.fstat(handle), os.stat(lock)):
+        if os.path.exists(lock_path) and os.path.samestat(os.fstat(handle), os.stat(lock_path)):
             break
         os.close(handle)  # whoever held it took its name away
     try:
         yield
     finally:
-        lock.unlink(missing_ok=True)
+        lock_path.unlink(missing_ok=True)
         os.close(handle)
 
 
@@ -330,9 +330,9 @@ def atomic_folder(path: PathName) -> Iterator[Path]:
     temporary_path = Path(tempfile.mkdtemp(prefix=_unfinished_prefix(), suffix=f"-{path.name[-100:]}", dir=path.parent))
     try:
         yield temporary_path
-        os.chmod(temporary_path, 0o777 & ~_umask())
+        os.chmod(temporary_path, 0o777 & ~_read_umask())
         if path.exists():
-            _exchange(temporary_path, path)
+            _exchange_folders(temporary_path, path)
         else:
             os.replace(temporary_path, path)
         _LOG.info("written: %s", path)
@@ -340,7 +340,7 @@ def atomic_folder(path: PathName) -> Iterator[Path]:
         shutil.rmtree(temporary_path, ignore_errors=True)
 
 
-def _exchange(temporary_path, path):
+def _exchange_folders(temporary_path, path):
     """Let two folders change names, in one step where the system can."""
     libc = ctypes.CDLL(None, use_errno=True)
     names = os.fsencode(temporary_path), os.fsencode(path)
@@ -363,19 +363,19 @@ def _remove_abandoned(path):
         machine, _, rest = candidate.name.removeprefix(UNFINISHED).partition("-")
         try:
             age = time.time() - candidate.stat().st_mtime
-            if candidate.is_symlink() or not (_is_dead(machine, rest.partition("-")[0]) or age > _OLD):
+            if candidate.is_symlink() or not (_has_ended(machine, rest.partition("-")[0]) or age > _MAX_AGE):
                 continue
             shutil.rmtree(candidate) if candidate.is_dir() else candidate.unlink()
         except OSError:
             continue
 
 
-def _is_dead(machine, number):
-    """Return whether a process of this machine has ended."""
-    if machine != _MACHINE or not number.isdecimal() or os.name != "posix":
+def _has_ended(machine, process_id):
+    """Return whether the process of this number was one of this machine, and has ended."""
+    if machine != _MACHINE or not process_id.isdecimal() or os.name != "posix":
         return False
     try:
-        os.kill(int(number), 0)
+        os.kill(int(process_id), 0)
     except ProcessLookupError:
         return True
     except OSError:  # somebody else's
@@ -388,10 +388,10 @@ def _file_permissions(path):
     try:
         return path.stat().st_mode & 0o7777
     except OSError:
-        return 0o666 & ~_umask()
+        return 0o666 & ~_read_umask()
 
 
-def _umask():
+def _read_umask():
     mask = os.umask(0o077)
     os.umask(mask)
     return mask
@@ -428,9 +428,9 @@ def table_of(
     return table
 
 
-def table_of_rows(heads: Sequence[str], rows: Sequence[Sequence[Any]], *about: Any) -> Table:
+def table_of_rows(heads: Sequence[str], rows: Sequence[Sequence[Any]], *meta_and_units: Any) -> Table:
     """Return an astropy Table of rows under heads, with metadata and units as of `table_of`."""
-    return table_of({name: [row[k] for row in rows] for k, name in enumerate(heads)}, *about)
+    return table_of({name: [row[k] for row in rows] for k, name in enumerate(heads)}, *meta_and_units)
 
 
 def write_columns(
@@ -455,9 +455,9 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
     table = table.copy(copy_data=False)
     table.meta = type(table.meta)(_to_plain_types(metadata | (meta or {})))
     for name in table.colnames:
-        about = table[name].info
-        if not about.description and (column := column_of(name, about.unit)):
-            about.description = column.meaning
+        info = table[name].info
+        if not info.description and (column := column_of(name, info.unit)):
+            info.description = column.meaning
     format_name = format_of(path)
     _fit_to_format(table, format_name, path)
     with atomic_write(path, overwrite) as temporary_path, warnings.catch_warnings():
@@ -485,8 +485,8 @@ def _write_fits(table, path):
     hdu = table_to_hdu(table)
     for number, meaning in enumerate(meanings.values(), 1):
         if meaning:
-            text = " ".join(meaning.translate(_IN_ASCII).encode("ascii", "replace").decode().split())
-            hdu.header.set(f"TCOMM{number}", text, after=f"TFORM{number}")
+            comment = " ".join(meaning.translate(_TO_ASCII).encode("ascii", "replace").decode().split())
+            hdu.header.set(f"TCOMM{number}", comment, after=f"TFORM{number}")
     hdu.writeto(path, overwrite=True)
 
 
@@ -497,20 +497,20 @@ def _fit_to_format(table, format_name, path):
             table["frame"] = np.full(len(table), str(frame))
         if redshift_frame := table.meta.get(REDSHIFT_FRAME_KEY):
             table[REDSHIFT_FRAME_COLUMN] = np.full(len(table), str(redshift_frame))
-        lost = {key: str(table.meta[key]) for key in _ESSENTIAL if key in table.meta}
+        lost_metadata = {key: str(table.meta[key]) for key in _ESSENTIAL_KEYS if key in table.meta}
         if "ra" not in table.colnames:
-            lost.pop(FRAME_KEY, None)  # the names of the columns say it
-        if lost:
-            facts = ", ".join(f"{key} = {value}" for key, value in lost.items())
+            lost_metadata.pop(FRAME_KEY, None)  # the names of the columns say it
+        if lost_metadata:
+            lost_text = ", ".join(f"{key} = {value}" for key, value in lost_metadata.items())
             raise TableError(
-                f"{printable(path)}: CSV keeps no metadata, and {facts} would be lost: write .ecsv, .fits, .vot or "
+                f"{printable(path)}: CSV keeps no metadata, and {lost_text} would be lost: write .ecsv, .fits, .vot or "
                 ".parquet"
             )
     if format_name == "fits":
         for key, value in table.meta.items():
             if isinstance(value, (list, tuple)):  # each of which would be a card of the same name
                 table.meta[key] = "; ".join(map(str, value))
-        if any(isinstance(value, str) and len(value) > _CARD for value in table.meta.values()):
+        if any(isinstance(value, str) and len(value) > _CARD_LENGTH for value in table.meta.values()):
             table.meta["LONGSTRN"] = "OGIP 1.0"  # by which readers know that texts go on in further cards
         if RESULT_MARK not in table.meta:  # of a result the names are read again
             for name in filter(_COEFFICIENT.fullmatch, table.colnames):
@@ -518,12 +518,12 @@ def _fit_to_format(table, format_name, path):
         for name in [name for name in table.colnames if table[name].dtype.kind in "UO"]:
             if _is_ascii(np.ma.getdata(table[name])):
                 continue
-            texts = [str(text).translate(_IN_ASCII) for text in np.ma.getdata(table[name])]
-            wrong = [row for row, text in enumerate(texts) if not text.isascii()]
-            if wrong:
+            texts = [str(text).translate(_TO_ASCII) for text in np.ma.getdata(table[name])]
+            rows = [row for row, text in enumerate(texts) if not text.isascii()]
+            if rows:
                 raise TableError(
-                    f"{printable(path)}: FITS holds ASCII alone, and {len(wrong)} rows of column {name!r} have more, "
-                    f"{texts[wrong[0]]!r} in row {wrong[0]} say: write .ecsv, .vot or .parquet"
+                    f"{printable(path)}: FITS holds ASCII alone, and {len(rows)} rows of column {name!r} have more, "
+                    f"{texts[rows[0]]!r} in row {rows[0]} say: write .ecsv, .vot or .parquet"
                 )
             if table[name].dtype.kind == "U":
                 table[name] = type(table[name])(texts, mask=table[name].mask) if hasattr(table[name], "mask") else texts
@@ -539,13 +539,13 @@ def _is_ascii(texts):
 
 
 #: The longest text that one card of a FITS header holds.
-_CARD = 68
+_CARD_LENGTH = 68
 #: Columns of coefficients, t(2,1,re), whose names FITS would have without brackets: t_2_1_re.
 _COEFFICIENT = re.compile(r"[a-z]\(\d+,\d+(,re|,im)?\)")
 #: What labels of ours have beyond ASCII.
-_IN_ASCII = str.maketrans({"≥": ">=", "≤": "<=", "−": "-", "µ": "u", "°": "deg", "δ": "delta", "α": "alpha"})
+_TO_ASCII = str.maketrans({"≥": ">=", "≤": "<=", "−": "-", "µ": "u", "°": "deg", "δ": "delta", "α": "alpha"})
 #: Metadata without which a table says something else.
-_ESSENTIAL = (FRAME_KEY, MEASURED_KEY)
+_ESSENTIAL_KEYS = (FRAME_KEY, MEASURED_KEY)
 
 
 def _to_plain_types(value: Any) -> Any:

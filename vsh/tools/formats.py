@@ -102,18 +102,18 @@ def hide_secrets(text: str) -> str:
 
 
 def _hide_link_secrets(link):
-    """Text of one address of a chain."""
+    """The text of one address of a chain, without its password and what stands behind a question mark."""
     scheme, separator, location = link.partition("://")
     if not separator:
         return link
-    before, at, host_path = location.rpartition("@")
+    login, at, host_path = location.rpartition("@")
     # A password may hold any sign; a path or a query with an @ and no colon before it is one.
-    location = host_path if at and (":" in before or "/" not in before) else location
+    location = host_path if at and (":" in login or "/" not in login) else location
     return f"{scheme}://{re.split(r'[?#]', location, maxsplit=1)[0]}"
 
 
 #: Names of standard errors: what is left of each is the name of what has the error.
-_OF_ERRORS = re.compile(r"(?:(?:formal_)?sigma|error)_(.+)|(.+)_error")
+_ERROR_NAME = re.compile(r"(?:(?:formal_)?sigma|error)_(.+)|(.+)_error")
 
 
 class Column(NamedTuple):
@@ -124,19 +124,19 @@ class Column(NamedTuple):
 
 
 @cache
-def _rows():
+def _read_column_rows():
     with Path(__file__).with_name("columns.tsv").open(encoding="utf-8", newline="") as file:
         return [(row["column"], Column(row["UCD"], row["meaning"])) for row in csv.DictReader(file, delimiter="\t")]
 
 
 def column_of(name: str, unit: object = None) -> Column | None:
     """Return the meaning of a column by its name and, where that is not enough, its unit; None where none is known."""
-    for pattern, column in _rows():
+    for pattern, column in _read_column_rows():
         if pattern == f"{name} [{unit}]" or fnmatchcase(name, pattern):
             return column
-    match = _OF_ERRORS.fullmatch(name)
-    what = match and column_of(match[1] or match[2], unit)
-    if not what:
+    match = _ERROR_NAME.fullmatch(name)
+    measured = match and column_of(match[1] or match[2], unit)
+    if not measured:
         return None
-    words = [word for word in what.ucd.split(";") if not word.startswith(("stat.", "meta."))]
-    return Column(";".join(["stat.error", *words]), f"Standard error of this: {what.meaning}")
+    ucd_words = [word for word in measured.ucd.split(";") if not word.startswith(("stat.", "meta."))]
+    return Column(";".join(["stat.error", *ucd_words]), f"Standard error of this: {measured.meaning}")

@@ -17,14 +17,14 @@ from typing import Any
 import lazy_loader
 
 #: Beside vsh.
-_OTHERS = ("sim", "fit", "study")
+_OTHER_PACKAGES = ("sim", "fit", "study")
 _ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 
 
 def find_shadowed_packages() -> dict[str, str]:
     """Modules that hide our packages: their places, by name."""
     hiding = {}
-    for name in _OTHERS:
+    for name in _OTHER_PACKAGES:
         try:
             spec = sys.modules[name].__spec__ if name in sys.modules else find_spec(name)
         except (ImportError, ValueError, AttributeError):
@@ -56,7 +56,7 @@ def warn_if_hidden() -> None:
         )
 
 
-def import_ours() -> None:
+def import_hidden_packages() -> None:
     """Import our packages where something of the user's hides them: commands do not depend on the folder."""
     for name in find_shadowed_packages():
         spec = PathFinder.find_spec(name, [_ROOT])

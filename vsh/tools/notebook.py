@@ -30,10 +30,10 @@ class InNotebook:
             from vsh.tools.errors import ATTRIBUTES, MissingAttribute
 
             # What is another name for one of ours, or for a call without anything to choose, is that.
-            ours = re.fullmatch(r'(\w+)(\((?:"(\w+)")?\))?', ATTRIBUTES.get(name, ""))
-            if ours and ours[1] in dir(self):
-                attribute = getattr(self, ours[1])
-                return attribute(*filter(None, [ours[3]])) if ours[2] else attribute
+            match = re.fullmatch(r'(\w+)(\((?:"(\w+)")?\))?', ATTRIBUTES.get(name, ""))
+            if match and match[1] in dir(self):
+                attribute = getattr(self, match[1])
+                return attribute(*filter(None, [match[3]])) if match[2] else attribute
             raise MissingAttribute(name=name, obj=self)
 
     def _repr_html_(self) -> str:
@@ -43,10 +43,10 @@ class InNotebook:
         rows = {name: format_value(getattr(self, name)) for name in names if not name.startswith("_")}
         for name in rows.keys() & self.units_shown.keys():
             rows[name] = f"{rows[name]} {self.units_shown[name]}" if rows[name] else None
-        return as_html(type(self).__name__, {**rows, **self._facts()}, heading=self._heading())
+        return format_html_table(type(self).__name__, {**rows, **self._facts()}, heading=self._heading())
 
     def _heading(self) -> str:
-        """Heading in one line; nothing unless the class has one."""
+        """Heading in one line; empty unless the class has a repr of its own in < >."""
         text = repr(self)  # dataclasses write their fields, which the rows say better; our own forms stand in < >
         return text.strip("<>") if text.startswith("<") and type(self).__repr__ is not object.__repr__ else ""
 
@@ -55,7 +55,7 @@ class InNotebook:
         return {}
 
 
-def as_html(title: str, rows: dict[str, str | None], *, heading: str = "") -> str:
+def format_html_table(title: str, rows: dict[str, str | None], *, heading: str = "") -> str:
     """A table of two columns under a title."""
     cells = "".join(
         f'<tr><th style="text-align:left">{escape(name)}</th><td style="text-align:left">{value}</td></tr>'
@@ -90,9 +90,9 @@ def _describe_array(values):
         return f"{shape}, {values.sum()} true"
     if values.dtype.kind in "iuf" and np.isfinite(values).any():
         finite_values = values[np.isfinite(values)]
-        lost = values.size - finite_values.size
+        n_missing = values.size - finite_values.size
         return f"{shape}, from {finite_values.min():.5g} to {finite_values.max():.5g}" + (
-            f", {lost} missing" if lost else ""
+            f", {n_missing} missing" if n_missing else ""
         )
     return f"{shape}: {', '.join(map(str, values.ravel()[:3]))}{', …' if values.size > 3 else ''}"
 
@@ -120,18 +120,18 @@ class Equal:
         if type(other) is not type(self):
             return NotImplemented
         names = [entry.name for entry in fields(cast(Any, self)) if entry.name != "notes"]
-        return all(_same(getattr(self, name), getattr(other, name)) for name in names)
+        return all(_is_same(getattr(self, name), getattr(other, name)) for name in names)
 
     def __hash__(self) -> int:
         """Return the hash of what two that are equal have in common."""
         return hash((type(self), getattr(self, "frame", None)))
 
 
-def _same(one, other):
+def _is_same(value, other_value):
     """Return whether two attributes are the same, arrays number by number."""
-    if not isinstance(one, np.ndarray) or not isinstance(other, np.ndarray):
-        return type(one) is type(other) and one == other
-    return np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f")
+    if not isinstance(value, np.ndarray) or not isinstance(other_value, np.ndarray):
+        return type(value) is type(other_value) and value == other_value
+    return np.array_equal(value, other_value, equal_nan=value.dtype.kind == other_value.dtype.kind == "f")
 
 
 def _freeze(value):

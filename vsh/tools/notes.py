@@ -36,14 +36,14 @@ class CountedNote(str):
 
     def __new__(cls, parts):
         counts, total, names = {}, 0, []
-        for reasons, rows, part_names in parts.values():
-            total += rows
+        for reasons, n_rows, part_names in parts.values():
+            total += n_rows
             names += part_names
             for reason, count in reasons.items():
                 counts[reason] = counts.get(reason, 0) + count
         # A part without anything to count is not among those counted, so of several the total is not known.
         known_total = total if cls.complete or len(parts) == 1 else 0
-        note = super().__new__(cls, cls.words(counts, known_total, names))
+        note = super().__new__(cls, cls.format_text(counts, known_total, names))
         note.parts, note.counts, note.total = parts, counts, total
         return note
 
@@ -51,7 +51,7 @@ class CountedNote(str):
         return (self.parts,)
 
     @staticmethod
-    def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
+    def format_text(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
         """Text of the note."""
         raise NotImplementedError
 
@@ -100,7 +100,7 @@ class DroppedRows(CountedNote):
     """A note that says how many rows were left out and why."""
 
     @staticmethod
-    def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
+    def format_text(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
         """Text of the note."""
         details = "; ".join(f"{reason}: {count}" for reason, count in counts.items())
         return f"left out {sum(counts.values())} of {total} rows{': ' if details else ''}{details}"
@@ -114,7 +114,7 @@ class UnselectedRows(CountedNote):
     """A note that says how many rows a condition selected, and how many it could not tell of."""
 
     @staticmethod
-    def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
+    def format_text(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
         """Text of the note."""
         missing = counts.get(MISSING, 0)
         suffix = f", {missing} of the others with a value missing" if missing else ""
@@ -127,7 +127,7 @@ class UnusableRedshifts(CountedNote):
     complete = False
 
     @staticmethod
-    def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
+    def format_text(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
         """Text of the note."""
         lost = sum(counts.values())
         details = ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
@@ -153,27 +153,27 @@ class MoreNotes(str):
 
 def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
     """The notes of several tables as those of one: repeated lines once, dropped rows added up, at most ten lines."""
-    plain: dict[str, None] = {}
-    counted_notes: dict[tuple[type[CountedNote], object], dict[str, Any]] = {}
+    plain_notes: dict[str, None] = {}
+    parts_by_kind: dict[tuple[type[CountedNote], object], dict[str, Any]] = {}
     hashes: set[str] = set()
     for note in (note for group in groups for note in group):
         if isinstance(note, CountedNote):
             condition = next(iter(note.parts.values()))[2] if isinstance(note, UnselectedRows) else None
-            counted_notes.setdefault((type(note), condition), {}).update(note.parts)
+            parts_by_kind.setdefault((type(note), condition), {}).update(note.parts)
         elif isinstance(note, MoreNotes):
             hashes |= note.hashes
         else:
-            plain[note] = None
-    lines = list(plain)
-    several = sum(bool(group) for group in groups) > 1
-    if hashes or (several and len(lines) > MAX_NOTES - 1):
+            plain_notes[note] = None
+    lines = list(plain_notes)
+    has_several = sum(bool(group) for group in groups) > 1
+    if hashes or (has_several and len(lines) > MAX_NOTES - 1):
         first_lines = lines[: MAX_NOTES - 1]
         hashes |= {_hash(line) for line in lines[MAX_NOTES - 1 :]}
         hashes -= {_hash(line) for line in first_lines}
         lines = first_lines
     return (
         *lines,
-        *(note_class(chunk_counts) for (note_class, _), chunk_counts in counted_notes.items()),
+        *(note_class(parts) for (note_class, _), parts in parts_by_kind.items()),
         *([MoreNotes(hashes)] if hashes else []),
     )
 
@@ -187,15 +187,15 @@ def drop_empty_notes(notes: Iterable[str]) -> tuple[str, ...]:
 
 def count_dropped(notes: Iterable[str]) -> int:
     """Number of rows that were left out, from the notes."""
-    return _count(notes, DroppedRows)
+    return _count_rows(notes, DroppedRows)
 
 
 def count_unselected(notes: Iterable[str]) -> int:
     """Number of rows that a condition left out, from the notes."""
-    return _count(notes, UnselectedRows)
+    return _count_rows(notes, UnselectedRows)
 
 
-def _count(notes, note_class):
+def _count_rows(notes, note_class):
     return sum((sum(note.counts.values()) for note in notes if isinstance(note, note_class)), 0)
 
 

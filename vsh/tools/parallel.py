@@ -31,7 +31,7 @@ _DELAY = 2.0
 
 
 @contextmanager
-def keep_set(variable: ContextVar[T], value: T) -> Iterator[None]:
+def set_meanwhile(variable: ContextVar[T], value: T) -> Iterator[None]:
     """Meanwhile a variable of the context has a value."""
     token = variable.set(value)
     try:
@@ -42,7 +42,7 @@ def keep_set(variable: ContextVar[T], value: T) -> Iterator[None]:
 
 def without_bars(hidden: bool = True) -> AbstractContextManager[None]:
     """No progress bar is shown meanwhile."""
-    return keep_set(_HIDDEN, hidden or _HIDDEN.get())
+    return set_meanwhile(_HIDDEN, hidden or _HIDDEN.get())
 
 
 def progress_bar(
@@ -81,13 +81,13 @@ def show_elapsed(program: str) -> Iterator[None]:
     """A line on stderr tells after two seconds what a program is doing, until `end_elapsed` or the end of the block."""
     bar, has_ended = progress_bar(bar_format="{desc}: {elapsed}", leave=False), threading.Event()
 
-    def tell():
+    def update_line():
         while not has_ended.wait(0.5):
             bar.set_description_str(f"{program}, {_STEPS[-1]}", refresh=False)
             bar.update(0)
         bar.close()
 
-    thread = threading.Thread(target=tell, daemon=True)
+    thread = threading.Thread(target=update_line, daemon=True)
     if not isinstance(bar, _NoBar):
         thread.start()
         _ENDS[:] = [has_ended.set, thread.join]
@@ -106,8 +106,8 @@ def end_elapsed() -> None:
 class _NoBar:
     """Stand-in for a progress bar that nobody sees."""
 
-    def __init__(self, items: Iterable[Any] | None) -> None:
-        self._things = items
+    def __init__(self, things: Iterable[Any] | None) -> None:
+        self._things = things
 
     def __iter__(self) -> Iterator[Any]:
         return iter(() if self._things is None else self._things)
@@ -122,21 +122,21 @@ class _NoBar:
         return lambda *words, **options: None
 
 
-_NOTHING: Any = object()
+_END: Any = object()
 #: Rows of matrices from which on several threads are faster than one.
-_SMALL = 500
+_MANY_ROWS = 500
 #: What `limit_threads` set.
-_LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
+_THREAD_LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
 
 
 def limit_threads(threads: int | None = None) -> AbstractContextManager[None]:
     """Within it, that many threads at most unless a function is told otherwise."""
-    return keep_set(_LIMIT, threads)
+    return set_meanwhile(_THREAD_LIMIT, threads)
 
 
 def thread_count(threads: int | None = None) -> int:
     """Number of threads to use: `threads`, the limit that is set, or one for each core this process may run on."""
-    n_threads = threads or _LIMIT.get()
+    n_threads = threads or _THREAD_LIMIT.get()
     if n_threads:
         return n_threads
     affinity = getattr(os, "sched_getaffinity", None)  # not on macOS and Windows
@@ -151,11 +151,11 @@ def end_with_parent() -> None:
     if parent is None:
         return
 
-    def watch():
+    def end_after_parent():
         parent.join()
         os._exit(1)
 
-    threading.Thread(target=watch, daemon=True).start()
+    threading.Thread(target=end_after_parent, daemon=True).start()
 
 
 def process_pool(workers: int) -> "ProcessPoolExecutor":
@@ -178,19 +178,19 @@ def delay_interrupts() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    previous_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, previous_mask)
 
 
 def prefetch_items(things: Iterator[T]) -> Generator[T, None, None]:
     """Iterate over items, each made in a thread while the one before it is used."""
     with ThreadPoolExecutor(1) as pool:
-        following = pool.submit(next, things, _NOTHING)
-        while (item := following.result()) is not _NOTHING:
-            following = pool.submit(next, things, _NOTHING)
+        future = pool.submit(next, things, _END)
+        while (item := future.result()) is not _END:
+            future = pool.submit(next, things, _END)
             yield item
 
 
@@ -202,7 +202,7 @@ def _thread_controller():
 @contextmanager
 def limit_blas(size: int) -> Iterator[None]:
     """Within it BLAS works on small matrices in one thread: several would wait for each other longer than they work."""
-    if size > _SMALL:
+    if size > _MANY_ROWS:
         yield
         return
     with _thread_controller().limit(limits=1, user_api="blas"):
@@ -275,13 +275,13 @@ def compile_loops(**options: Any) -> Callable[[Any], Any]:
     """Compile with numba, free of the interpreter's lock, and keep it on disk where there is a folder to write to."""
     from numba import njit
 
-    def compiled(function):
+    def compile_function(function):
         try:
             return njit(function, cache=True, nogil=True, **options)
         except RuntimeError:
             return njit(function, nogil=True, **options)
 
-    return compiled
+    return compile_function
 
 
 def has_numba() -> bool:

@@ -19,7 +19,7 @@ from functools import wraps
 from importlib import import_module
 from typing import Any, ParamSpec, TypeVar
 
-from vsh.tools.parallel import keep_set, name_step
+from vsh.tools.parallel import name_step, set_meanwhile
 
 _CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 
@@ -49,8 +49,8 @@ def _wrap_line(line, width):
     ((before, words),) = _BEFORE.findall(line)[:1]
     if "  " in words or len(before) > width // 2:
         return line
-    together = re.sub(r" ([±=<]) ", "\u00a0\\1\u00a0", words)  # a number stays with its error and its name
-    lines = textwrap.wrap(together, max(width - len(before), 20), break_long_words=False, break_on_hyphens=False)
+    unbreakable = re.sub(r" ([±=<]) ", "\u00a0\\1\u00a0", words)  # a number stays with its error and its name
+    lines = textwrap.wrap(unbreakable, max(width - len(before), 20), break_long_words=False, break_on_hyphens=False)
     return before + ("\n" + " " * len(before)).join(lines).replace("\u00a0", " ")
 
 
@@ -69,11 +69,11 @@ _POWER = re.compile(r"\b(\d+(?:\.\d+)?)e([+-]\d+)\b")
 
 def latex_text(text: object) -> str:
     """Text that LaTeX prints as it is, with its own minus and powers of ten for numbers."""
-    signed = re.sub(r"(?<![\w-])-(?=\d)", "−", printable(text))
-    powers = _POWER.split(signed)
-    whole = [_SIGN.sub(lambda sign: _TEX[sign[0]], part) for part in powers[::3]]
-    numbers = zip(powers[1::3], powers[2::3], whole[1:], strict=True)
-    return whole[0] + "".join(rf"${value} \times 10^{{{int(power)}}}${part}" for value, power, part in numbers)
+    with_minuses = re.sub(r"(?<![\w-])-(?=\d)", "−", printable(text))
+    pieces = _POWER.split(with_minuses)
+    texts = [_SIGN.sub(lambda sign: _TEX[sign[0]], part) for part in pieces[::3]]
+    numbers = zip(pieces[1::3], pieces[2::3], texts[1:], strict=True)
+    return texts[0] + "".join(rf"${value} \times 10^{{{int(power)}}}${part}" for value, power, part in numbers)
 
 
 def one_line_text(name: object) -> str:
@@ -99,7 +99,7 @@ def guard_printing() -> Iterator[None]:
     except OSError as error:
         silence()
         if sys.stderr is not None:
-            print(f"vsh: error: not all could be printed: {system_message(error)}", file=sys.stderr)
+            print(f"vsh: error: not all could be printed: {format_system_message(error)}", file=sys.stderr)
         raise SystemExit(1) from None
 
 
@@ -120,7 +120,7 @@ def silence_if_broken() -> None:
         silence()
 
 
-def system_message(error: OSError) -> str:
+def format_system_message(error: OSError) -> str:
     """Message of the system, with its file."""
     suffix = f": {error.filename}" if error.filename else ""
     if error.errno == errno.ENOSPC:
@@ -151,7 +151,7 @@ def import_quietly(name: str, tries: int = 5) -> Any:
 
 
 #: Within a step that tells of itself its own steps do not.
-_INSIDE: ContextVar[bool] = ContextVar("inside", default=False)
+_IS_WITHIN_STEP: ContextVar[bool] = ContextVar("inside", default=False)
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
@@ -184,7 +184,7 @@ def log_calls(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
                 if not logger.isEnabledFor(logging.INFO):
                     return function(*args, **options)
                 begin = time.perf_counter()
-                with keep_set(_INSIDE, True):
+                with set_meanwhile(_IS_WITHIN_STEP, True):
                     result = function(*args, **options)
             log_result(logger, words, result, begin)
             return result
@@ -196,11 +196,11 @@ def log_calls(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
 
 def log_result(logger: logging.Logger, words: str, result: object, begin: float) -> None:
     """Log a result where a decorator would stand between a warning and its caller."""
-    if not _INSIDE.get():
+    if not _IS_WITHIN_STEP.get():
         logger.info("%s: %s, %.3g s", words, _shorten_repr(result), time.perf_counter() - begin)
 
 
 def _shorten_repr(result):
-    """Shorten to one line."""
+    """The repr of a result where it is one short line; otherwise the name of its type."""
     lines = repr(result).strip("<>").splitlines()
     return lines[0] if len(lines) == 1 and len(lines[0]) < 200 else type(result).__name__

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from fit.background._amplitude import posteriors
-from fit.background._likelihood import Likelihood, equations_of, fitted_degrees, should_fit_scale
+from fit.background._likelihood import Likelihood, check_degrees, equations_of, should_fit_scale
 from vsh.models.covariance import Spectrum
 
 
@@ -32,9 +32,9 @@ def fit_amplitudes(normal, spectra, noise_scale=None, *, degrees=None, free=(1,)
     equations = equations_of(normal)
     modes = equations.modes
     spectra = [spectra] if isinstance(spectra, Spectrum) else spectra
-    flat = fitted_degrees(modes, free, "free") if free != () else ()
+    flat = check_degrees(modes, free, "free") if free != () else ()
     rest = [l for l in range(1, modes.lmax + 1) if l not in flat]
-    degrees = fitted_degrees(modes, rest if degrees is None else degrees)
+    degrees = check_degrees(modes, rest if degrees is None else degrees)
     fit_scale = should_fit_scale(normal, noise_scale)
     likelihood = Likelihood(equations, spectra, degrees, flat, fit_scale)
     best = likelihood.maximum()

@@ -92,13 +92,13 @@ def test_maximum_is_the_highest_point(loud):
     likelihood = Likelihood(loud, [Spectrum.odd(), Spectrum.even()], (2, 3, 4), (1,))
     best = likelihood.maximum()
     ratios = best.amplitudes / best.noise_scale**2
-    top = likelihood.profile(ratios) + likelihood.chi2 / 2
+    top = likelihood.profile_log_likelihood(ratios) + likelihood.chi2 / 2
     assert (best.amplitudes > 0).all()
     for factor in (0.9, 0.99, 1.01, 1.1):
         for k in (0, 1):
             moved = np.array(ratios)
             moved[k] *= factor
-            assert likelihood.profile(moved) + likelihood.chi2 / 2 < top
+            assert likelihood.profile_log_likelihood(moved) + likelihood.chi2 / 2 < top
     assert likelihood(best.amplitudes, best.noise_scale) == pytest.approx(top, abs=1e-9)
     assert likelihood(best.amplitudes, 1.01 * best.noise_scale) < top
 
@@ -154,7 +154,7 @@ def test_posteriors_are_integrals_over_the_likelihood(loud):
     span = found.root[[0, -1]] ** 2
     whole = quad(lambda a: over_scale(a) * unit / (unit + a) ** 2, *span, epsrel=1e-6)[0]
     nothing = Likelihood(loud, [Spectrum.even()], (2, 3, 4), (1,))
-    zero = nothing.profile(np.zeros(1)) + nothing.chi2 / 2
+    zero = nothing.profile_log_likelihood(np.zeros(1)) + nothing.chi2 / 2
     tau = nothing.chi2 / nothing.n_data
     nothing = quad(lambda t: np.exp(likelihood((0.0,), np.exp(t / 2)) - zero), *np.log(tau * np.array([0.8, 1.25])))[0]
     assert evidence == pytest.approx(np.log(whole) + top - np.log(nothing) - zero, abs=2e-3)

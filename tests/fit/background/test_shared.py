@@ -36,7 +36,7 @@ def test_gradient_is_that_of_the_likelihood():
     parts = ClassEquations.from_separate_classes([reduce_class_equations(each, modes) for each in classes(lmax=4, k=2)])
     for own in ("each", "one"):
         blocks = ClassLikelihood(parts, modes, Spectrum.flat().variances(modes), own)
-        x = np.linspace(0.7, 1.9, blocks.unit.size)
+        x = np.linspace(0.7, 1.9, blocks.mode_units.size)
         value, slope = blocks.loss(x)
         assert value == pytest.approx(-blocks.log_likelihoods(x[None])[0], rel=1e-12)
         for k in range(x.size):
@@ -210,7 +210,7 @@ def test_classes_that_share_no_noise_are_classes_of_their_own():
     for k in range(x.size):
         up, down = (blocks.loss(np.sqrt(x**2 + step * np.eye(x.size)[k]))[0] for step in (1e-5, -1e-5))
         assert (up - down) / 2e-5 == pytest.approx(slope[k], rel=1e-5, abs=1e-7)
-    mean, covariance = blocks.free_modes(x)
+    mean, covariance = blocks.fit_free_modes(x)
     share = blocks.shares(x)[parities(modes)] * variances[:, None, None]
     prior = np.einsum("pij,pq->ipjq", share, np.eye(len(modes))).reshape(mixed.shape)
     low = np.tile(modes.degrees == 1, 3)

@@ -138,7 +138,7 @@ def test_free_modes_by_the_dense_covariance():
     variances = Spectrum.flat().variances(modes)
     blocks = ClassLikelihood(parts, modes, variances, "each")
     x = np.random.default_rng(1).uniform(0.5, 3, blocks.units.size)
-    mean, covariance = blocks.free_modes(x)
+    mean, covariance = blocks.fit_free_modes(x)
     p = len(modes)
     matrix = block_diag(*(each.matrix for each in normals))
     share = blocks.shares(x)[parities(modes)] * variances[:, None, None]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vsh.tools.digits import format_values, format_with_error, round_to_error
+from vsh.tools.digits import format_to_error_digits, format_values, format_with_error
 
 
 @pytest.mark.parametrize(
@@ -29,4 +29,4 @@ def test_components_have_the_decimals_of_the_smallest_error():
     )
     assert format_values([np.nan] * 2, [0.5, 1.0]) == ("± 0.50", "± 1.00")
     assert format_values([1.5, -2.0], [np.nan, np.nan]) == ("+1.5", "-2")
-    assert round_to_error(-0.001, 0.2) == "0.00"
+    assert format_to_error_digits(-0.001, 0.2) == "0.00"

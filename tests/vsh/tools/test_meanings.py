@@ -13,7 +13,7 @@ import sim
 from vsh import Coefficients
 from vsh.io.tables import open_table
 from vsh.tools.files import write_table
-from vsh.tools.formats import _rows, column_of
+from vsh.tools.formats import _read_column_rows, column_of
 
 #: Columns without a meaning of their own: rows of matrices, and what is called as a user calls it.
 OF_USERS = ("H0", "seen", "of", "real", "imaginary", "n", "less", "gain", "norm", "rate", "shear", "slope",
@@ -21,7 +21,7 @@ OF_USERS = ("H0", "seen", "of", "real", "imaginary", "n", "less", "gain", "norm"
             "matrix_", "sigma_omega_", "sigma_epsilon_")  # fmt: skip
 
 
-@pytest.mark.parametrize(("pattern", "column"), _rows(), ids=lambda each: each if isinstance(each, str) else "")
+@pytest.mark.parametrize(("pattern", "column"), _read_column_rows(), ids=lambda each: each if isinstance(each, str) else "")
 def test_words_are_those_of_the_ivoa(pattern, column):
     assert parse_ucd(column.ucd, check_controlled_vocabulary=True), pattern
     assert column.meaning.endswith(".")

@@ -16,7 +16,7 @@ from vsh.io.catalogue._names import NAMED, ColumnRequest, Columns, find_correlat
 from vsh.io.columns import ASSUMED, REQUIRED, factor_to, missing_column, parse_unit
 from vsh.io.tables import TableSource
 from vsh.sky.frames import MEASURED_KEY
-from vsh.tools.bad_rows import as_floats, span_of, within
+from vsh.tools.bad_rows import as_floats, is_within, span_of
 from vsh.tools.errors import EmptySelectionError, FieldError, TableError
 from vsh.tools.notes import (
     ASSUMED_MOTIONS,
@@ -215,7 +215,7 @@ def size_warnings(field: Any, at_least: int = 20, *, is_assumed: bool = False) -
         return []
     # Where all are plausible their medians are, which take longer to see.
     (least, most), (lowest, highest) = span_of(sigma), span_of(motion)
-    plausible = within((least, most), *error_limits) and within((lowest, highest), -_LARGEST_MOTION, _LARGEST_MOTION)
+    plausible = is_within((least, most), *error_limits) and is_within((lowest, highest), -_LARGEST_MOTION, _LARGEST_MOTION)
     notes = [] if plausible else _motion_warnings(np.median(sigma), np.median(np.abs(motion)), error_limits)
     if max(-lowest, highest) < _SMALL_SHARE * least:
         text = f"no motion is above {max(-lowest, highest):.3g} µas/yr, and no error below {least:.3g} µas/yr"

@@ -38,7 +38,7 @@ from vsh.io.parts import OPTIONAL, Parts
 from vsh.scalars import ScalarField
 from vsh.sky.frames import AXES, REDSHIFT_FRAME_COLUMN
 from vsh.tools.arguments import positive, whole
-from vsh.tools.bad_rows import PLACEHOLDER, find_placeholder_rows, zero_motion_rows
+from vsh.tools.bad_rows import PLACEHOLDER, find_placeholder_rows, find_zero_motion_rows
 from vsh.tools.errors import EmptyFieldError, EmptySelectionError, FieldError, TableError, VshWarning
 from vsh.tools.notes import (
     ASSUMED_MOTIONS,
@@ -357,7 +357,7 @@ class _FieldMaker:
         if self.scalar_name is not None and not (finite := np.isfinite(columns["pmra"])).all():
             columns["unusable"] = {f"{self.scalar_name} not finite": ~np.ma.filled(finite, True)}
         if not any(self.column_of[role].startswith(ASSUMED) for role in _MOTIONS):
-            aside |= zero_motion_rows(*(columns[role] for role in _MOTIONS))
+            aside |= find_zero_motion_rows(*(columns[role] for role in _MOTIONS))
         check_degrees(columns, self.is_position_unit_assumed, names=self.column_of)
         if self.frames.positions != self.frame:
             turn_positions(columns, self.frames)
@@ -632,7 +632,7 @@ def read_scalars(
         """A column in the unit of the first, without what marks a missing value in its own."""
         is_mark = find_placeholder_rows({"pmra": column, "pmdec": column}) & (factors[name] * scale != 1)
         if name == main and target == parse_unit("uas"):  # other numbers may be zero
-            is_mark = np.logical_or.reduce([is_mark, *zero_motion_rows(column, column).values()])
+            is_mark = np.logical_or.reduce([is_mark, *find_zero_motion_rows(column, column).values()])
         return np.where(is_mark, np.nan, column) * factors[name]
 
     def compute_values(*columns):
