@@ -33,7 +33,7 @@ __all__ = ["METHODS", "Estimate", "Recommended", "estimate", "recommended"]
 
 #: A fit to degree L needs so many sources for each of its L (L + 2) pairs of unknowns, two numbers each. With half as
 #: many a fit with free tails may go exactly through the most precise sources, and a floor cannot be told from noise.
-_PER_MODE = 8
+_SOURCES_PER_PAIR = 8
 #: Degree 1 alone needs half of that: no floor and no degree is told from another there.
 _FEWEST = 12
 #: The degree unless another is named: the spectrum of the systematic errors is seen best from 5 on.
@@ -43,17 +43,17 @@ _DEGREE = 5
 #: one number for each of its p coefficients: less than this beyond it is no reason.
 _HALVINGS, _GAIN = 8, 6.0
 #: It is estimated without motions of so many times their median.
-_TYPICAL = 10.0
+_LARGEST_MOTION = 10.0
 #: Catalogues in which the errors make fewer sources count, by (Σw)²/Σw², are always fitted with such a noise: a few
 #: sources with much smaller errors than the others would determine the fit, and nothing could contradict them.
 _PRECISE = 64
 #: Sources of which more have the noise that a sample tells, and are fitted to this part of their errors. Where ν of a
 #: sample is below the last, that of all is below 1.3.
-_LARGE, _NEAR, _SURELY_TAILS = 100_000, 1e-3, 1.2
+_MANY_SOURCES, _LOOSE_TOLERANCE, _LEAST_SAMPLE_NU = 100_000, 1e-3, 1.2
 #: Rounds that are allowed for each.
 _ROUNDS = 100
 #: From this degree on the floor is estimated.
-_LEAST = 3
+_LEAST_FLOOR_DEGREE = 3
 
 
 class WeightedFit(AboutSolution):
@@ -109,7 +109,7 @@ class Recommended(WeightedFit):
         return self.solution.floor
 
 
-def degree_for(n_sources: int, most: int, least: int = 1, per_mode: int = _PER_MODE) -> int:
+def degree_for(n_sources: int, most: int, least: int = 1, per_mode: int = _SOURCES_PER_PAIR) -> int:
     """Find the highest degree up to `most` that so many sources bear.
 
     Parameters
@@ -183,24 +183,24 @@ def recommended(field: Any, lmax: int | None = None) -> Recommended:
         note = f"fitted to degree {degree} instead of {max_degree}: {reason}"
         solution = replace(solution, notes=(*solution.notes, note))
     plain = add_coverage_notes(solution, field)
-    systematic = _floor(plain)
-    if systematic is None:
+    systematic_floor = _estimate_floor(plain)
+    if systematic_floor is None:
         return Recommended(replace(plain, is_recommended=True), plain, weights)
-    solution = solve(equations_of(plain, scalars=True), floor=systematic)
-    formal = plain.covariance if plain.formal_covariance is None else plain.formal_covariance
-    return Recommended(replace(solution, formal_covariance=formal, is_recommended=True), plain, weights)
+    solution = solve(equations_of(plain, scalars=True), floor=systematic_floor)
+    formal_covariance = plain.covariance if plain.formal_covariance is None else plain.formal_covariance
+    return Recommended(replace(solution, formal_covariance=formal_covariance, is_recommended=True), plain, weights)
 
 
-def _fit_robustly(field, degree, n_sources, by_many):
+def _fit_robustly(field, degree, n_sources, is_weight_shared):
     """Student's t, with an excess noise where the quoted errors need one; least squares where no weights settle.
 
-    `by_many` tells that many sources share the weight: only then may a fit without a noise stand.
+    `is_weight_shared` tells that many sources share the weight: only then may a fit without a noise stand.
     """
     fits: list[ReweightedFit] = []
-    reason, tolerance = "", 1e-4 if n_sources <= _LARGE else _NEAR
+    reason, tolerance = "", 1e-4 if n_sources <= _MANY_SOURCES else _LOOSE_TOLERANCE
     try:
-        if by_many:
-            without_noise = student_t(field, degree, tolerance=tolerance, least_nu=_SURELY_TAILS)
+        if is_weight_shared:
+            without_noise = student_t(field, degree, tolerance=tolerance, least_nu=_LEAST_SAMPLE_NU)
             if ERRORS_TOO_SMALL not in codes_of(without_noise.solution.notes):
                 return without_noise, without_noise.solution
         # Its likelihood is not compared with those below: where errors say little of the scatter, a fit without noise
@@ -208,13 +208,13 @@ def _fit_robustly(field, degree, n_sources, by_many):
     except (ConvergenceError, TailsError) as error:
         reason = str(error)
     with suppress(ConvergenceError, DegeneracyError):
-        if n_sources <= _LARGE:
+        if n_sources <= _MANY_SOURCES:
             fits = _fit_halving_noise(field, degree)
         else:  # which noise it is, a sample tells
-            tried = _fit_halving_noise(
-                sample_of(as_parts(field, SourcesWithErrors), _LARGE // 5, n_sources), min(degree, _DEGREE)
+            sample_fits = _fit_halving_noise(
+                sample_of(as_parts(field, SourcesWithErrors), _MANY_SOURCES // 5, n_sources), min(degree, _DEGREE)
             )
-            noises = [each.noise for each in tried[-1:]]
+            noises = [each.noise for each in sample_fits[-1:]]
             fits = [student_t(field, degree, tolerance=tolerance, max_rounds=_ROUNDS, noise=noise) for noise in noises]
     if not fits:
         solution = fit_field(field, degree).scaled
@@ -223,8 +223,8 @@ def _fit_robustly(field, degree, n_sources, by_many):
     best = fits[-1]
     solution = best.solution
     if best.noise:
-        size = f"{best.noise:.4g} {solution.unit}".rstrip()
-        text = f"an excess noise of {size}, by the residuals, was added in quadrature to every error"
+        noise_size = f"{best.noise:.4g} {solution.unit}".rstrip()
+        text = f"an excess noise of {noise_size}, by the residuals, was added in quadrature to every error"
         note = CodedNote(text, ERRORS_TOO_SMALL)
         solution = replace(solution, notes=(*solution.notes, note))
     return best, solution
@@ -233,39 +233,39 @@ def _fit_robustly(field, degree, n_sources, by_many):
 def _fit_halving_noise(field, degree):
     """Fits with an excess noise, halved while that makes them likelier by more than it must; the last is the best."""
     fits: list[ReweightedFit] = []
-    limit = _TYPICAL * median(as_parts(field, SourcesWithErrors), _sizes, "noise")
+    limit = _LARGEST_MOTION * median(as_parts(field, SourcesWithErrors), _compute_sizes, "noise")
     noise = excess_noise(apply_step(field, partial(_select_small, limit=limit)), degree).excess_noise
     for _ in range(_HALVINGS):
         with suppress(ConvergenceError, DegeneracyError):
-            smaller = student_t(field, degree, noise=noise, max_rounds=_ROUNDS)
-            gain = _GAIN + len(smaller.solution.modes) * np.log(2)
-            if not fits or smaller.log_likelihood >= fits[-1].log_likelihood + gain:
-                fits.append(smaller)
+            refit = student_t(field, degree, noise=noise, max_rounds=_ROUNDS)
+            least_gain = _GAIN + len(refit.solution.modes) * np.log(2)
+            if not fits or refit.log_likelihood >= fits[-1].log_likelihood + least_gain:
+                fits.append(refit)
                 noise /= 2
                 continue
         break
     return fits
 
 
-def _sizes(field):
-    """The size of each motion, or number."""
+def _compute_sizes(field):
+    """Compute the size of each motion, or number."""
     return np.linalg.norm(field.data, axis=0)
 
 
 def _select_small(field, limit):
-    """The sources whose motion is not larger than a limit."""
-    return field[_sizes(field) <= limit]
+    """Select the sources whose motion is not larger than a limit."""
+    return field[_compute_sizes(field) <= limit]
 
 
 def _sum_weights(field):
-    """Counts of the sources, and sums of their weights and of the squares of these."""
+    """Sum the number of the sources, their weights, and the squares of these."""
     weights = field.information
     return np.array([len(field), weights.sum(), weights @ weights])
 
 
-def _floor(solution):
-    """The systematic floor, or None where the solution determines none."""
-    if solution.modes.lmax < _LEAST:
+def _estimate_floor(solution):
+    """Estimate the systematic floor; None where the solution determines none."""
+    if solution.modes.lmax < _LEAST_FLOOR_DEGREE:
         return None
     try:
         systematic = floor(solution)
@@ -344,56 +344,56 @@ def _run_recommended(field, lmax, value, rng):
     return Estimate(solution=best.solution, method="recommended", sources=field, plain=best.plain, weights=best.weights)
 
 
-def _least_squares(field, lmax, value, rng):
+def _run_least_squares(field, lmax, value, rng):
     solution = solve(normal_equations(field, lmax)) if isinstance(field, Parts) else fit_field(field, lmax)
-    return _estimate_by("least-squares", solution, field)
+    return _make_estimate("least-squares", solution, field)
 
 
-def _clip(field, lmax, value, rng):
+def _run_clip(field, lmax, value, rng):
     result = clip(field, lmax, 3.0 if value is None else float(value))
-    return _estimate_by("clip", result.solution, result.sources(field), result.n_clipped)
+    return _make_estimate("clip", result.solution, result.sources(field), result.n_clipped)
 
 
-def _student(field, lmax, value, rng):
+def _run_student(field, lmax, value, rng):
     weights = student_t(field, lmax)
-    return _estimate_by("student", _drop_unsure_errors(weights), field, 0, weights)
+    return _make_estimate("student", _drop_unsure_errors(weights), field, 0, weights)
 
 
 #: Degrees of freedom that the scores of a robust fit must have for its errors to be those of the sources; and with many
 #: quoted errors that are too small. With tails, of which ν is below the last number, each coefficient needs one.
-_SURE, _DOUBTFUL, _TAILS = 7, 100, 10
+_SURE_DOF, _DOUBTFUL_DOF, _TAILS_NU = 7, 100, 10
 
 
 def _drop_unsure_errors(weights):
     """Return a fit without errors where a few sources decide it: nothing could contradict them."""
     solution = weights.solution
-    least = max(_SURE, len(solution.modes)) if weights.nu < _TAILS else _SURE
-    if solution.covariance_dof >= (_DOUBTFUL if ERRORS_TOO_SMALL in codes_of(solution.notes) else least):
+    least = max(_SURE_DOF, len(solution.modes)) if weights.nu < _TAILS_NU else _SURE_DOF
+    if solution.covariance_dof >= (_DOUBTFUL_DOF if ERRORS_TOO_SMALL in codes_of(solution.notes) else least):
         return solution
     text = "warning: few sources decide this fit, and it has no errors: fit.recommended adds a noise to those quoted"
     return replace(solution, covariance_dof=0.0, notes=(*solution.notes, CodedNote(text, ERRORS_TOO_SMALL)))
 
 
-def _excess_noise(field, lmax, value, rng):
+def _run_excess_noise(field, lmax, value, rng):
     weights = excess_noise(field, lmax, scale=choice("excess-noise", value, (None, "scale")) == "scale")
-    return _estimate_by("excess-noise", weights.solution, field, 0, weights)
+    return _make_estimate("excess-noise", weights.solution, field, 0, weights)
 
 
-def _bootstrap(field, lmax, value, rng):
+def _run_bootstrap(field, lmax, value, rng):
     result = bootstrap(field, lmax, 100 if value is None else int(value), rng)
-    return _estimate_by("bootstrap", result.resampled_solution, field)
+    return _make_estimate("bootstrap", result.resampled_solution, field)
 
 
-def _jackknife(field, lmax, value, rng):
+def _run_jackknife(field, lmax, value, rng):
     if value is not None:
-        return _estimate_by("jackknife", jackknife(field, lmax, int(value)).resampled_solution, field)
+        return _make_estimate("jackknife", jackknife(field, lmax, int(value)).resampled_solution, field)
     _, best, advice = compare_blocks(field, lmax)
     solution = best.resampled.resampled_solution
-    return _estimate_by("jackknife", replace(solution, notes=(*solution.notes, advice)), field)
+    return _make_estimate("jackknife", replace(solution, notes=(*solution.notes, advice)), field)
 
 
-def _estimate_by(method, solution, sources, n_clipped=0, weights=None):
-    """An estimate whose errors are those of the solution; of the catalogue's, scaled where χ² contradicts them."""
+def _make_estimate(method, solution, sources, n_clipped=0, weights=None):
+    """Make an estimate whose errors are those of the solution; of the catalogue's, scaled where χ² contradicts them."""
     solution = add_coverage_notes(solution, sources)
     return Estimate(
         solution=solution.scaled, method=method, sources=sources, plain=solution, n_clipped=n_clipped, weights=weights
@@ -405,12 +405,12 @@ def _estimate_by(method, solution, sources, n_clipped=0, weights=None):
 #: the number of bootstrap replicates, the NSIDE of the jackknife's blocks.
 METHODS: dict[str, Callable[[Any, Any, Any, Rng], Estimate]] = {
     "recommended": _run_recommended,
-    "least-squares": _least_squares,
-    "clip": _clip,
-    "student": _student,
-    "excess-noise": _excess_noise,
-    "bootstrap": _bootstrap,
-    "jackknife": _jackknife,
+    "least-squares": _run_least_squares,
+    "clip": _run_clip,
+    "student": _run_student,
+    "excess-noise": _run_excess_noise,
+    "bootstrap": _run_bootstrap,
+    "jackknife": _run_jackknife,
 }
 #: Those that take a value.
 WITH_VALUE = ("clip", "excess-noise", "bootstrap", "jackknife")

@@ -25,17 +25,17 @@ from fit.distances._density import (
     LuminosityFunction,
     SourceDensity,
     VariancesByRedshift,
-    absolute_magnitude_histogram,
     complete_density,
+    count_absolute_magnitudes,
+    count_redshifts,
     find_completeness_limit,
+    find_median_spread,
     fit_density,
     fit_luminosity,
+    fit_variances_by_redshift,
     flow_information,
     flow_limits,
-    median_spread,
-    redshift_counts,
-    variance_sums,
-    variances_by_redshift,
+    sum_variances,
 )
 from vsh.field import Field
 from vsh.io.parts import DISTANCES, Parts, as_parts
@@ -410,7 +410,7 @@ def calibrate(
     bare = replace(bare, limits=limits, flow_limits=flow_limits(sums["flow"]))
     if not sums["counts"][:, 0].any():
         return bare
-    typical = median_spread(sums["counts"])
+    typical = find_median_spread(sums["counts"])
     _check_redshift_errors(bare, sums, dispersion)
     n_magnitudes, n = sums["magnitudes"], sums["n"]
     if magnitudes is None and 0 < n_magnitudes < n:
@@ -460,7 +460,7 @@ def calibrate(
     elif has_luminosity:
         raise ParameterError("a luminosity function needs magnitudes, which are not used")
     else:
-        bare = replace(bare, errors=variances_by_redshift(sums["variances"]))
+        bare = replace(bare, errors=fit_variances_by_redshift(sums["variances"]))
         notes.append(
             "no magnitudes: distances follow from redshifts alone, and sources with distance errors above 5 % have the "
             "mean weight of their redshift"
@@ -576,10 +576,10 @@ def _sum_for_calibration(field, calibration):
         "lost": int(np.sum(error > np.log1p(z))),
         "magnitudes": int(has_magnitude.sum()),
         "faintest": [magnitudes.max()] if has_magnitude.any() else [],
-        "bright": absolute_magnitude_histogram(magnitudes, modulus[has_magnitude]),
-        "counts": redshift_counts(z, error),
+        "bright": count_absolute_magnitudes(magnitudes, modulus[has_magnitude]),
+        "counts": count_redshifts(z, error),
         "flow": flow_information(z, field.information),
-        "variances": variance_sums(z, field.sigma),
+        "variances": sum_variances(z, field.sigma),
         "sizes": np.histogram(np.log10(np.mean(field.sigma**2, 0)), _EDGES)[0],
     }
 
@@ -588,7 +588,7 @@ def _count_bright_redshifts(field, calibration, limit):
     """Counts by redshift and error, as of `redshift_counts`, of the sources that are as bright as a limit."""
     z = calibration.redshift(field)
     is_bright = field.magnitude <= limit
-    return redshift_counts(z[is_bright], calibration.spread(field, z)[is_bright])
+    return count_redshifts(z[is_bright], calibration.spread(field, z)[is_bright])
 
 
 def _check_redshift_errors(calibration, sums, dispersion):

@@ -39,14 +39,14 @@ class LogCurve:
         return spline(inside) + np.where(x < ends[0], slopes[0], slopes[1]) * (x - inside)
 
 
-def curve_basis(knots: FloatArray, x: FloatArray) -> FloatArray:
-    """Basis of the curve, one function per knot, (n, k)."""
+def make_curve_basis(knots: FloatArray, x: FloatArray) -> FloatArray:
+    """Make the basis of the curve at `x`, one function per knot, (n, k)."""
     return np.stack([LogCurve(knots, unit)(x) for unit in np.eye(len(knots))], axis=1)
 
 
 def fit_log_curve(basis: FloatArray, counts: FloatArray, shares: FloatArray, smooth: float = 1e-3) -> FloatArray:
     """The values at the knots that make counts most probable: group b is in cell a as shares[b, a] exp(curve)."""
-    bends = np.diff(np.eye(basis.shape[1]), 2, axis=0)
+    bending = np.diff(np.eye(basis.shape[1]), 2, axis=0)
     total = counts.sum()
 
     def misfit(theta):
@@ -56,11 +56,11 @@ def fit_log_curve(basis: FloatArray, counts: FloatArray, shares: FloatArray, smo
         norm = prediction.sum(1)
         value = np.sum(counts.sum(1) * np.log(norm)) - np.sum(counts * np.log(prediction))
         excess = (counts.sum(1) / norm)[:, None] - counts / prediction
-        slope = curve * np.einsum("bm,bm->m" if shares.ndim == 2 else "bam,ba->m", shares, excess)
-        bent = bends @ theta
+        gradient = curve * np.einsum("bm,bm->m" if shares.ndim == 2 else "bam,ba->m", shares, excess)
+        curvature = bending @ theta
         return (
-            value / total + smooth * bent @ bent + 1e-6 * theta.mean() ** 2,
-            basis.T @ slope / total + 2 * smooth * bends.T @ bent + 2e-6 * theta.mean() / len(theta),
+            value / total + smooth * curvature @ curvature + 1e-6 * theta.mean() ** 2,
+            basis.T @ gradient / total + 2 * smooth * bending.T @ curvature + 2e-6 * theta.mean() / len(theta),
         )
 
     return minimize(misfit, np.zeros(basis.shape[1]), jac=True, method="BFGS", options={"gtol": 1e-6}).x
@@ -108,42 +108,42 @@ class CompletedDensity:
 
 def complete_density(density: SourceDensity, luminosity: Any, limit: float, log_distance: Any) -> SourceDensity:
     """The density of all sources behind that of a magnitude-limited catalogue."""
-    x = np.geomspace(1e-4, np.log(30.0), 600)
-    log_d, _ = log_distance(x)
-    faintest = limit - 5 / np.log(10) * (log_d + x) - 25
+    log1p_z = np.geomspace(1e-4, np.log(30.0), 600)
+    log_d, _ = log_distance(log1p_z)
+    faintest = limit - 5 / np.log(10) * (log_d + log1p_z) - 25
     magnitude = np.linspace(faintest.min() - 12, faintest.max(), 6000)
-    log = luminosity.log(magnitude)
+    log_phi = luminosity.log(magnitude)
     with np.errstate(divide="ignore"):  # no source is so bright
-        share = np.interp(faintest, magnitude, np.log(np.cumsum(np.exp(log - log.max()))))
+        share = np.interp(faintest, magnitude, np.log(np.cumsum(np.exp(log_phi - log_phi.max()))))
     is_finite = np.isfinite(share)
     return SourceDensity(CompletedDensity(density.curve, log_d[is_finite], share[is_finite]), density.words)
 
 
 #: Classes of the error of ln(1 + z), a factor of two each, in which redshifts are counted: spectroscopic redshifts are
 #: not seen through the errors of photometric ones.
-SPREADS = np.r_[0.0, np.geomspace(1e-5, 1.0, 18), np.inf]
+ERROR_EDGES = np.r_[0.0, np.geomspace(1e-5, 1.0, 18), np.inf]
 
 
 #: A class of errors so many times as large as the typical one is not used to find the density.
-_WIDER = 4.0
+_LARGEST_ERROR_RATIO = 4.0
 
 
-def redshift_counts(redshift: FloatArray, spread: FloatArray) -> FloatArray:
-    """Sources by class of their error and by redshift, and the sum of squared errors in front, which add over parts."""
-    number = np.histogram2d(spread, np.log(redshift), bins=(SPREADS, EDGES))[0]
-    squares = np.histogram(spread, bins=SPREADS, weights=spread**2)[0]
-    return np.column_stack([squares, number])
+def count_redshifts(redshift: FloatArray, spread: FloatArray) -> FloatArray:
+    """Count sources by class of error and by redshift, behind the sum of squared errors; such tables add over parts."""
+    number = np.histogram2d(spread, np.log(redshift), bins=(ERROR_EDGES, EDGES))[0]
+    squared_errors = np.histogram(spread, bins=ERROR_EDGES, weights=spread**2)[0]
+    return np.column_stack([squared_errors, number])
 
 
-def median_spread(counts: FloatArray) -> float:
-    """The error of ln(1 + z) of the class in the middle of those of `redshift_counts`, by number."""
+def find_median_spread(counts: FloatArray) -> float:
+    """Find the error of ln(1 + z) of the class in the middle of those of `count_redshifts`, by number."""
     number = counts[:, 1:].sum(axis=1)
     middle = int(np.searchsorted(np.cumsum(number), number.sum() / 2))
     return float(np.sqrt(counts[middle, 0] / max(number[middle], 1.0)))
 
 
 #: What a galaxy has of its own: none tells more of ours than that, and no redshift places it better. [km/s]
-_OWN = 300.0
+_OWN_VELOCITY = 300.0
 
 
 def flow_information(redshift: FloatArray, weight: FloatArray) -> FloatArray:
@@ -152,9 +152,9 @@ def flow_information(redshift: FloatArray, weight: FloatArray) -> FloatArray:
     1/(s² + (4.74 d)²/w) each, of distances d to s/H0 at best, s the velocity that a galaxy has of its own: else a few
     that are next to us, by their redshifts, would be all that is followed, and flows of the others independent noise.
     """
-    distance = np.hypot(transverse_distance(redshift), _OWN / hubble_value(FLAT_PLANCK13))
+    distance = np.hypot(transverse_distance(redshift), _OWN_VELOCITY / hubble_value(FLAT_PLANCK13))
     with np.errstate(divide="ignore"):
-        weight = 1 / (_OWN**2 + (AU_PER_YEAR * distance) ** 2 / weight)
+        weight = 1 / (_OWN_VELOCITY**2 + (AU_PER_YEAR * distance) ** 2 / weight)
     return np.histogram(np.log(redshift), bins=EDGES, weights=weight)[0]
 
 
@@ -169,11 +169,11 @@ def fit_density(
     table: FloatArray, log_distance: Any, limits: tuple[float, float], cut: tuple[float, float] | None = None
 ) -> SourceDensity:
     """The density by which a catalogue's redshifts are most probable, with the errors and velocities of each class."""
-    number, typical_error = table[:, 1:].sum(axis=1), median_spread(table)
+    number, typical_error = table[:, 1:].sum(axis=1), find_median_spread(table)
     spreads = np.sqrt(table[:, 0] / np.maximum(number, 1))
     # Those that are much less certain than most say nothing of the density that most do not say.
-    classes = (number > 0) & (spreads < _WIDER * max(typical_error, 1e-9))
-    spreads, by_class = spreads[classes], table[classes, 1:]
+    is_used = (number > 0) & (spreads < _LARGEST_ERROR_RATIO * max(typical_error, 1e-9))
+    spreads, by_class = spreads[is_used], table[is_used, 1:]
     counts = by_class.sum(axis=0)
     if cut is not None and cut[1] > cut[0] > 0:
         inner = np.searchsorted(EDGES, np.log(cut)) - 1
@@ -184,19 +184,19 @@ def fit_density(
         lower_cell, upper_cell = lower_cell + 1, upper_cell - 1
     lower_cell = max(lower_cell, 0)
     cells, edges = slice(lower_cell, upper_cell + 1), np.log1p(np.exp(EDGES[lower_cell : upper_cell + 2]))
-    widest = spreads.max()
-    true = np.linspace(max(np.log1p(1e-4), edges[0] - 5 * widest), edges[-1] + 5 * widest, 600)
+    largest_error = spreads.max()
+    log1p_z = np.linspace(max(np.log1p(1e-4), edges[0] - 5 * largest_error), edges[-1] + 5 * largest_error, 600)
     from scipy.special import ndtr
 
-    kernel = np.diff(ndtr((edges[:, None] - true) / np.maximum(spreads, 1e-9)[:, None, None]), axis=1)
-    log_d, log_volume = log_distance(true)
+    kernel = np.diff(ndtr((edges[:, None] - log1p_z) / np.maximum(spreads, 1e-9)[:, None, None]), axis=1)
+    log_d, log_volume = log_distance(log1p_z)
     # Beyond what is seen the curve goes on straight.
-    inner = log_d[(true >= edges[0]) & (true <= edges[-1])]
+    inner = log_d[(log1p_z >= edges[0]) & (log1p_z <= edges[-1])]
     knots = np.linspace(inner[0], inner[-1], int(np.clip(np.ceil(inner[-1] - inner[0]) + 1, 4, 8)))
     volume = np.exp(log_volume - log_volume.max())
-    inside = by_class[:, cells]
-    seen_at_all = inside.sum(axis=1) > 0
-    values = fit_log_curve(curve_basis(knots, log_d), inside[seen_at_all], (kernel * volume)[seen_at_all])
+    by_cell = by_class[:, cells]
+    is_seen = by_cell.sum(axis=1) > 0
+    values = fit_log_curve(make_curve_basis(knots, log_d), by_cell[is_seen], (kernel * volume)[is_seen])
     return SourceDensity(LogCurve(knots, values), f"as the catalogue's {counts.sum():.0f} redshifts have it")
 
 
@@ -205,7 +205,7 @@ _STEP = 0.1
 MAGNITUDES = np.arange(-32.0, 12.0, _STEP)
 MODULI = np.arange(20.0, 60.0, _STEP)
 #: Fewer sources than this say nothing of a luminosity function.
-_LEAST = 30
+_FEWEST_WITH_MAGNITUDES = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,8 +220,8 @@ class LuminosityFunction(InNotebook):
         return self.curve(magnitude)
 
 
-def absolute_magnitude_histogram(magnitude: FloatArray, modulus: FloatArray) -> FloatArray:
-    """Sources by absolute magnitude and distance modulus, a table that adds over parts."""
+def count_absolute_magnitudes(magnitude: FloatArray, modulus: FloatArray) -> FloatArray:
+    """Count sources by absolute magnitude and distance modulus, in a table that adds over parts."""
     edges = [np.r_[lower_edges, lower_edges[-1] + _STEP] for lower_edges in (MAGNITUDES, MODULI)]
     return np.histogram2d(magnitude - modulus, modulus, bins=edges)[0]
 
@@ -231,14 +231,14 @@ def absolute_magnitude_histogram(magnitude: FloatArray, modulus: FloatArray) -> 
 _INCOMPLETE, _SHIFT, _FEWEST = -3.0, 0.02, 100
 
 
-def completeness_deviate(counts: FloatArray, limit: float) -> float:
-    """Test whether a sample is complete to a magnitude: a normal deviate, far below zero where faint ones are missing.
+def compute_completeness_deviate(counts: FloatArray, limit: float) -> float:
+    """Compute the normal deviate of a sample from completeness to a magnitude, far below zero where faint ones lack.
 
     Rauzy's (2001, MNRAS 324, 51) T_C: of the galaxies that are no farther than a given one and bright enough to be
     seen at its distance, the share that is brighter is uniform in a complete sample, however galaxies are distributed.
 
     counts : (m, k) array
-        Those of `absolute_magnitude_histogram`.
+        Those of `count_absolute_magnitudes`.
     limit : float
         The magnitude. Too few galaxies to tell give 0.
     """
@@ -265,14 +265,14 @@ def find_completeness_limit(counts: FloatArray, faintest: float) -> tuple[float,
 
     Tried from the faintest of all on in steps of a quarter of a magnitude, as far as a quarter of the galaxies is left.
     """
-    apparent = (MAGNITUDES + _STEP)[:, None] + (MODULI + _STEP)
+    apparent_magnitude = (MAGNITUDES + _STEP)[:, None] + (MODULI + _STEP)
     for limit in np.arange(faintest, faintest - 8, -0.25):
-        brighter = np.where(apparent <= limit + 1e-9, counts, 0.0) if limit < faintest else counts
-        if brighter.sum() < 0.25 * counts.sum():
+        counts_to_limit = np.where(apparent_magnitude <= limit + 1e-9, counts, 0.0) if limit < faintest else counts
+        if counts_to_limit.sum() < 0.25 * counts.sum():
             break
-        deviate = completeness_deviate(brighter, limit)
-        if deviate >= _INCOMPLETE or deviate / np.sqrt(12 * brighter.sum()) >= -_SHIFT:
-            return float(limit), brighter
+        deviate = compute_completeness_deviate(counts_to_limit, limit)
+        if deviate >= _INCOMPLETE or deviate / np.sqrt(12 * counts_to_limit.sum()) >= -_SHIFT:
+            return float(limit), counts_to_limit
     return float("nan"), counts
 
 
@@ -283,20 +283,20 @@ def fit_luminosity(counts: FloatArray, limit: float) -> LuminosityFunction:
     Tammann & Yahil 1979, ApJ 232, 352; the curve is free as that of Efstathiou, Ellis & Peterson 1988, MNRAS 232, 431).
     """
     total = counts.sum()
-    if total < _LEAST:
+    if total < _FEWEST_WITH_MAGNITUDES:
         raise DegeneracyError(
             f"{total:.0f} galaxies with magnitudes say nothing of a luminosity function: give one (luminosity=), or use"
             " no magnitudes (magnitudes=False, --columns magnitude=)"
         )
-    share = np.cumsum(counts.sum(1)) / total
-    lower, upper = MAGNITUDES[np.searchsorted(share, [0.005, 0.995])]
+    cumulative_share = np.cumsum(counts.sum(1)) / total
+    lower, upper = MAGNITUDES[np.searchsorted(cumulative_share, [0.005, 0.995])]
     knots = np.linspace(lower, max(upper, lower + 1.0), 8 if total > 1000 else 5)
-    middle = MAGNITUDES + _STEP / 2
-    magnitude_mask = (middle > lower - 3) & (middle < upper + 3)
+    magnitudes = MAGNITUDES + _STEP / 2
+    magnitude_mask = (magnitudes > lower - 3) & (magnitudes < upper + 3)
     modulus_mask = counts.sum(0) > 0
-    visibility = (middle[magnitude_mask] + MODULI[modulus_mask, None] <= limit).astype(float)
+    visibility = (magnitudes[magnitude_mask] + MODULI[modulus_mask, None] <= limit).astype(float)
     visible_counts = counts[magnitude_mask][:, modulus_mask].T * visibility
-    values = fit_log_curve(curve_basis(knots, middle[magnitude_mask]), visible_counts, visibility)
+    values = fit_log_curve(make_curve_basis(knots, magnitudes[magnitude_mask]), visible_counts, visibility)
     return LuminosityFunction(
         LogCurve(knots, values), f"luminosity function of {total:.0f} galaxies to magnitude {limit:.2f}"
     )
@@ -318,38 +318,38 @@ class VariancesByRedshift(InNotebook):
         return np.exp(self.curve(np.log(redshift)))
 
 
-def variance_sums(redshift: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Sources and the sum of their mean variances by redshift, (2, k), which adds over parts."""
-    x = np.log(redshift)
-    return np.stack([np.histogram(x, EDGES)[0], np.histogram(x, EDGES, weights=np.mean(sigma**2, 0))[0]])
+def sum_variances(redshift: FloatArray, sigma: FloatArray) -> FloatArray:
+    """Count sources and sum their mean variances by redshift, (2, k), which adds over parts."""
+    ln_z = np.log(redshift)
+    return np.stack([np.histogram(ln_z, EDGES)[0], np.histogram(ln_z, EDGES, weights=np.mean(sigma**2, 0))[0]])
 
 
-def variances_by_redshift(sums: FloatArray, knots: int = 6) -> VariancesByRedshift:
-    """The local mean of the variances, which are taken as exponentially distributed about it."""
+def fit_variances_by_redshift(sums: FloatArray, knots: int = 6) -> VariancesByRedshift:
+    """Fit the local mean of the variances, which are taken as exponentially distributed about it."""
     has_sources = sums[0] > 0
     counts, totals = sums[:, has_sources]
-    x = (EDGES[1:] + EDGES[:-1])[has_sources] / 2
-    knot_positions = np.linspace(x[0], max(x[-1], x[0] + 0.1), knots)
-    basis, n, scale = curve_basis(knot_positions, x), counts.sum(), totals.sum() / counts.sum()
-    bends = np.diff(np.eye(knots), 2, axis=0)
+    ln_z = (EDGES[1:] + EDGES[:-1])[has_sources] / 2
+    knot_positions = np.linspace(ln_z[0], max(ln_z[-1], ln_z[0] + 0.1), knots)
+    basis, n, mean_variance = make_curve_basis(knot_positions, ln_z), counts.sum(), totals.sum() / counts.sum()
+    bending = np.diff(np.eye(knots), 2, axis=0)
 
     def misfit(theta):
-        log = basis @ theta
-        ratio = totals / scale * np.exp(-log)
-        bent = bends @ theta
-        value = np.sum(ratio + counts * log) / n + 1e-4 * bent @ bent
-        return value, basis.T @ (counts - ratio) / n + 2e-4 * bends.T @ bent
+        log_ratio = basis @ theta
+        ratio = totals / mean_variance * np.exp(-log_ratio)
+        curvature = bending @ theta
+        value = np.sum(ratio + counts * log_ratio) / n + 1e-4 * curvature @ curvature
+        return value, basis.T @ (counts - ratio) / n + 2e-4 * bending.T @ curvature
 
-    shape = minimize(misfit, np.zeros(knots), jac=True, method="BFGS", options={"gtol": 1e-7}).x
-    return VariancesByRedshift(LogCurve(knot_positions, shape + np.log(scale)))
+    log_ratios = minimize(misfit, np.zeros(knots), jac=True, method="BFGS", options={"gtol": 1e-7}).x
+    return VariancesByRedshift(LogCurve(knot_positions, log_ratios + np.log(mean_variance)))
 
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(96)
-_REACH, _BLOCK = 6.0, 4096
+_INTEGRATION_REACH, _BLOCK = 6.0, 4096
 #: Below this S/N a parallax is integrated over in ln d, above it in ϖ.
-_SURE = 6.0
+_SURE_SIGNAL_TO_NOISE = 6.0
 #: So many sources tell the scale length to a per cent or two.
-_SOURCES = 4000
+_LENGTH_SOURCES = 4000
 
 
 class MeasuredInverseDistances(NamedTuple):
@@ -391,50 +391,50 @@ def inverse_distances_from_measurements(
     FieldError
         If some source has neither; the message counts them.
     """
-    by_distance = np.zeros(len(field), bool) if field.distance is None else np.isfinite(field.distance)
-    lost = ~has_distance_or_parallax(field)
-    if lost.any():
+    has_distance = np.zeros(len(field), bool) if field.distance is None else np.isfinite(field.distance)
+    missing = ~has_distance_or_parallax(field)
+    if missing.any():
         raise FieldError(
-            f"{lost.sum()} of {len(field)} sources have neither a distance nor a parallax with its error (first: row "
-            f"{lost.argmax()}): name the columns (distance= and distance_error=, or parallax= and parallax_error=; "
-            "--columns), and leave those sources out (--where 'not ismissing(distance)')"
+            f"{missing.sum()} of {len(field)} sources have neither a distance nor a parallax with its error (first: "
+            f"row {missing.argmax()}): name the columns (distance= and distance_error=, or parallax= and "
+            "parallax_error=; --columns), and leave those sources out (--where 'not ismissing(distance)')"
         )
-    data, error, of_parallax = np.empty(len(field)), np.empty(len(field)), ~by_distance
-    for column, measured, parallax in (
-        (data, field.distance, field.parallax),
+    measured, error, is_parallax = np.empty(len(field)), np.empty(len(field)), ~has_distance
+    for column, distance, parallax in (
+        (measured, field.distance, field.parallax),
         (error, field.distance_error, field.parallax_error),
     ):
-        if by_distance.any():
-            column[by_distance] = np.asarray(measured)[by_distance]
-        if of_parallax.any():
-            column[of_parallax] = 1000 * np.asarray(parallax)[of_parallax]  # 1 mas is 1000 per Mpc
-    length = _length(data, error, of_parallax, power) if length is None else float(length)
+        if has_distance.any():
+            column[has_distance] = np.asarray(distance)[has_distance]
+        if is_parallax.any():
+            column[is_parallax] = 1000 * np.asarray(parallax)[is_parallax]  # 1 mas is 1000 per Mpc
+    length = _fit_scale_length(measured, error, is_parallax, power) if length is None else float(length)
 
-    def chunk_moments(chunk):
-        return _moments(data[chunk], error[chunk], of_parallax[chunk], length, power)[:2]
+    def integrate_chunk(chunk):
+        return _integrate_over_distance(measured[chunk], error[chunk], is_parallax[chunk], length, power)[:2]
 
-    mean, variance = np.concatenate(list(map_blocks(chunk_moments, len(field), _BLOCK)), axis=1)
-    return MeasuredInverseDistances(mean, variance, length, int(of_parallax.sum()))
+    mean, variance = np.concatenate(list(map_blocks(integrate_chunk, len(field), _BLOCK)), axis=1)
+    return MeasuredInverseDistances(mean, variance, length, int(is_parallax.sum()))
 
 
-def _moments(data, error, of_parallax, length, power):
+def _integrate_over_distance(measured, error, is_parallax, length, power):
     """Mean and variance of the rate, and the logarithm of the density of the data, (3, n)."""
-    is_precise = np.where(of_parallax, data > _SURE * error, True)
-    step = _REACH * error
-    lower, upper = data - step, data + step
+    is_precise = np.where(is_parallax, measured > _SURE_SIGNAL_TO_NOISE * error, True)
+    reach = _INTEGRATION_REACH * error
+    lower, upper = measured - reach, measured + reach
     # Surely measured, the datum itself is integrated over; a parallax that is not, in ln d.
-    floor = np.where(of_parallax, 1e-3 * np.abs(data), 1e-3 * data)
-    lower = np.where(is_precise, np.maximum(lower, floor), np.log(1 / np.maximum(upper, 1e-12)))
+    lowest = np.where(is_parallax, 1e-3 * np.abs(measured), 1e-3 * measured)
+    lower = np.where(is_precise, np.maximum(lower, lowest), np.log(1 / np.maximum(upper, 1e-12)))
     upper = np.where(is_precise, upper, np.log(40 * length))
     upper = np.maximum(upper, lower + 1.0 * ~is_precise)
     nodes = (upper + lower) / 2 + (upper - lower) / 2 * _NODES[:, None]
     with np.errstate(over="ignore"):
-        distance = np.where(is_precise, np.where(of_parallax, 1 / nodes, nodes), np.exp(nodes))
-        jacobian = np.where(is_precise, np.where(of_parallax, 2 * np.log(distance), 0.0), nodes)  # ln |dd/dnode|
-        prediction = np.where(of_parallax, 1 / distance, distance)
-    log = power * np.log(distance) - distance / length - ((prediction - data) / error) ** 2 / 2 + jacobian
-    peak = log.max(0)
-    weight = np.exp(log - peak) * _WEIGHTS[:, None]
+        distance = np.where(is_precise, np.where(is_parallax, 1 / nodes, nodes), np.exp(nodes))
+        jacobian = np.where(is_precise, np.where(is_parallax, 2 * np.log(distance), 0.0), nodes)  # ln |dd/dnode|
+        prediction = np.where(is_parallax, 1 / distance, distance)
+    log_p = power * np.log(distance) - distance / length - ((prediction - measured) / error) ** 2 / 2 + jacobian
+    peak = log_p.max(0)
+    weight = np.exp(log_p - peak) * _WEIGHTS[:, None]
     total = weight.sum(0)
     rate = 1 / (distance * AU_PER_YEAR)
     mean = (weight * rate).sum(0) / total
@@ -443,16 +443,16 @@ def _moments(data, error, of_parallax, length, power):
     return np.stack([mean, variance, np.log(total * (upper - lower) / 2) + peak - (power + 1) * np.log(length)])
 
 
-def _length(data, error, of_parallax, power):
+def _fit_scale_length(measured, error, is_parallax, power):
     """The scale length of greatest likelihood, by golden sections in its logarithm."""
-    selection = select_share(_SOURCES / len(data), data, error)
-    data, error, of_parallax = data[selection], error[selection], of_parallax[selection]
-    typical = np.where(of_parallax, 1 / np.maximum(data, error), data)
+    selection = select_share(_LENGTH_SOURCES / len(measured), measured, error)
+    measured, error, is_parallax = measured[selection], error[selection], is_parallax[selection]
+    typical_distance = np.where(is_parallax, 1 / np.maximum(measured, error), measured)
 
     def negative_log_likelihood(log_length):
-        return -_moments(data, error, of_parallax, np.exp(log_length), power)[2].sum()
+        return -_integrate_over_distance(measured, error, is_parallax, np.exp(log_length), power)[2].sum()
 
-    grid = np.log(np.median(typical) / 3) + np.linspace(-4, 4, 33)
+    grid = np.log(np.median(typical_distance) / 3) + np.linspace(-4, 4, 33)
     best = int(np.argmin([negative_log_likelihood(point) for point in grid]))
     lower, upper = grid[max(best - 1, 0)], grid[min(best + 1, 32)]
     golden_ratio = (np.sqrt(5) - 1) / 2

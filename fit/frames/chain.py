@@ -41,16 +41,16 @@ from vsh.vector import Vector
 
 __all__ = ["FrameNetwork", "combine_frames"]
 #: The most noise that two catalogues may share: of all of it nothing would be left to compare.
-_MOST = 0.995
+_LARGEST_CORRELATION = 0.995
 #: A pair has a correlation of its own in a class from so many sources on; fewer degrees of freedom make no errors
 #: smaller than those quoted.
-_FEW_OF_PAIR, _FEW_DOF = 10, 30
+_FEWEST_OF_PAIR, _FEWEST_DOF = 10, 30
 #: Rounds of common noise and of outliers; what is left out has a chance of less than this in all the catalogue.
 _ROUNDS, _CHANCE = 12, 0.5
 #: What catalogues share over the sky is looked for to this degree.
-_FLOOR = Modes(5)
+_FLOOR_MODES = Modes(5)
 #: Sources whose harmonics are at hand together.
-_TOGETHER = 2**15
+_CHUNK_SIZE = 2**15
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -145,12 +145,12 @@ class FrameNetwork(FrameResult):
         ParameterError
             If they are not.
         """
-        row = self._row(catalogue, other)
+        signs = self._make_signs(catalogue, other)
         p = len(self.modes)
-        covariance = np.einsum("i,iajb,j->ab", row[1:], self.covariance.reshape(len(row) - 1, p, -1, p), row[1:])
-        n_common = self.common[self._place(catalogue), self._place(self.labels[0] if other is None else other)]
+        covariance = np.einsum("i,iajb,j->ab", signs[1:], self.covariance.reshape(len(signs) - 1, p, -1, p), signs[1:])
+        n_common = self.common[self._index_of(catalogue), self._index_of(self.labels[0] if other is None else other)]
         return Solution(
-            coefficients=Coefficients(self.modes, row[1:] @ self.values),
+            coefficients=Coefficients(self.modes, signs[1:] @ self.values),
             covariance=covariance,
             chi2=float("nan"),
             n_data=int(2 * n_common),
@@ -205,21 +205,21 @@ class FrameNetwork(FrameResult):
         """
         if self.shared is None:
             raise ParameterError("systematic errors were not estimated: combine_frames(…, floor=True)")
-        return self.shared.combination(self._row(catalogue, other)[1:])
+        return self.shared.combination(self._make_signs(catalogue, other)[1:])
 
     def _sections(self, long):
         reference, *catalogues = self.labels
         counts = ", ".join(f"{name} {int(n)}" for name, n in zip(self.labels, np.diag(self.common), strict=True))
         scaled = "; errors are scaled by the residuals, in classes of sources with similar formal errors"
         facts = [("sources", counts)]
-        for (i, a), (j, b) in combinations(enumerate(self.labels), 2):
+        for (i, first), (j, second) in combinations(enumerate(self.labels), 2):
             if self.common[i, j]:
                 text = f"{int(self.common[i, j])} sources in common, {100 * self.correlation[i, j]:.0f} % of the noise"
-                facts.append((f"{a} and {b}", text))
+                facts.append((f"{first} and {second}", text))
         facts.append(("residuals", f"{self.factor:.3g} times the errors with the common noise{scaled}"))
         columns: dict[str, Any] = {}
         for name in catalogues:
-            terms = self._terms(reference, name)
+            terms = self._list_terms(reference, name)
             term_names = [term for term in terms if long or term[0] in "RD"]
             columns.setdefault("ICRF3 term", term_names)
             columns[f"{reference} − {name}"] = [terms[term][0] for term in term_names]
@@ -237,12 +237,12 @@ class FrameNetwork(FrameResult):
         remarks.append(f"Errors are from {self.errors_in_words}. Quote these: two catalogues alone know less.")
         return (Section(title, facts, table, remarks=remarks, notes=notes),)
 
-    def _terms(self, catalogue, other):
-        """ICRF3's terms of one catalogue less another, with systematic errors in degree 1 where they were sought."""
+    def _list_terms(self, catalogue, other):
+        """List ICRF3's terms of one catalogue less another, in degree 1 with systematic errors if sought."""
         solutions = [self.difference(catalogue, other)]
         solutions += [] if self.shared is None else [self.frames(catalogue, other)]
-        first, *rest = (icrf3_terms(solution.coefficients, solution.sigma) for solution in solutions)
-        return first | (rest[0] if rest else {})
+        terms, *degree_one_terms = (icrf3_terms(solution.coefficients, solution.sigma) for solution in solutions)
+        return terms | (degree_one_terms[0] if degree_one_terms else {})
 
     def to_table(self) -> Table:
         """A row for each two catalogues and coefficient as an astropy Table; degree 1 with its floor where sought."""
@@ -271,20 +271,20 @@ class FrameNetwork(FrameResult):
         """
         from fit.results.output import plot_terms
 
-        terms = {f"{name} − {self.labels[0]}": self._terms(name, self.labels[0]) for name in self.labels[1:]}
+        terms = {f"{name} − {self.labels[0]}": self._list_terms(name, self.labels[0]) for name in self.labels[1:]}
         axes = plot_terms(terms, self.unit, ax=ax)
         if self.shared is not None:
             axes.set_xlabel("R and D with systematic errors")
         return axes
 
-    def _row(self, catalogue, reference):
-        """1 for a catalogue and −1 for the other, (K,)."""
-        row = np.zeros(len(self.labels))
-        row[self._place(catalogue)] += 1
-        row[self._place(self.labels[0] if reference is None else reference)] -= 1
-        return row
+    def _make_signs(self, catalogue, other):
+        """Make the signs of a difference: 1 for a catalogue and −1 for the other, the reference unless given, (K,)."""
+        signs = np.zeros(len(self.labels))
+        signs[self._index_of(catalogue)] += 1
+        signs[self._index_of(self.labels[0] if other is None else other)] -= 1
+        return signs
 
-    def _place(self, label):
+    def _index_of(self, label):
         if label not in self.labels:
             raise ParameterError(f"no catalogue is called {label!r}: {', '.join(self.labels)}")
         return self.labels.index(label)
@@ -366,55 +366,55 @@ def combine_frames(
         raise ParameterError(
             f"{', '.join(joined)}: a joint solution does not use a covariance between sources: compare two catalogues"
         )
-    sky = _CommonSources(labels, catalogue_list)
-    has_floor = sky.n >= MANY if floor is None else floor
+    sources = _CommonSources(labels, catalogue_list)
+    has_floor = sources.n >= MANY if floor is None else floor
     # What is shared over the sky is neither noise nor an outlier.
-    noise_modes = _FLOOR if has_floor and modes.lmax < _FLOOR.lmax else modes
-    noise, selection = _noise_of_quoted_errors(sky, len(noise_modes)), np.ones(sky.n, bool)
+    noise_modes = _FLOOR_MODES if has_floor and modes.lmax < _FLOOR_MODES.lmax else modes
+    noise, selection = _make_independent_noise(sources, len(noise_modes)), np.ones(sources.n, bool)
     for _ in range(_ROUNDS):
-        before = noise, selection
-        values, _, chi2_of, factors, *_ = _solve(sky, noise_modes, noise, selection, labels)
+        previous = noise, selection
+        values, _, chi2s, factors, *_ = _solve(sources, noise_modes, noise, selection, labels)
         noise = replace(noise, factors=factors)
         if shared_noise:
-            noise = _estimate_common_noise(sky, noise_modes, values, selection, noise)
+            noise = _estimate_common_noise(sources, noise_modes, values, selection, noise)
         if clip:
             scale = np.maximum(1.0, factors)[noise.classes]
-            selection = chdtrc(np.maximum(sky.contrasts, 1), chi2_of / scale) > _CHANCE / max(sky.n, 1)
-        if noise.is_near(before[0]) and (before[1] == selection).all():
+            selection = chdtrc(np.maximum(sources.n_contrasts, 1), chi2s / scale) > _CHANCE / max(sources.n, 1)
+        if noise.is_near(previous[0]) and (previous[1] == selection).all():
             break
-    errors = _estimate_shared_errors(sky, noise, selection, labels, rng) if has_floor else None
-    *_, factors, _, _ = _solve(sky, modes, noise, selection, labels)
-    copies = _copies_among(sky, labels)
+    shared_errors = _estimate_shared_errors(sources, noise, selection, labels, rng) if has_floor else None
+    *_, factors, _, _ = _solve(sources, modes, noise, selection, labels)
+    copies = _note_copies(sources, labels)
     factors = np.maximum(factors, 1.0) if copies else factors  # what stands twice makes residuals small, and no error
-    values, covariance, chi2_of, _, chi2, dof = _solve(sky, modes, replace(noise, factors=factors), selection, labels)
+    values, covariance, chi2s, _, chi2, dof = _solve(sources, modes, replace(noise, factors=factors), selection, labels)
     factor = float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan")
-    order = np.flatnonzero(~selection)[np.argsort(-chi2_of[~selection], kind="stable")]
-    membership = sky.seen[:, selection].astype(int)
+    order = np.flatnonzero(~selection)[np.argsort(-chi2s[~selection], kind="stable")]
+    membership = sources.seen[:, selection].astype(int)
     return FrameNetwork(
         labels=labels,
         modes=modes,
         values=values,
         covariance=covariance,
-        correlation=noise.of_all,
+        correlation=noise.correlation_of_all,
         common=(membership @ membership.T).astype(float),
         chi2=float(chi2),
         n_data=int(dof + values.size),
         factor=factor,
-        names=tuple(str(sky.names[i]) for i in order),
-        distances=np.sqrt(np.maximum(chi2_of[order], 0.0)),  # rounding, where catalogues share nearly all
-        frame=sky.frame,
-        unit=sky.unit,
-        notes=merge_notes(sky.notes, copies),
-        shared=errors,
+        names=tuple(str(sources.names[i]) for i in order),
+        distances=np.sqrt(np.maximum(chi2s[order], 0.0)),  # rounding, where catalogues share nearly all
+        frame=sources.frame,
+        unit=sources.unit,
+        notes=merge_notes(sources.notes, copies),
+        shared=shared_errors,
     )
 
 
-def _copies_among(sky, labels):
-    """A note on each pair of catalogues with the same values: one of them is no measurement of its own."""
+def _note_copies(sources, labels):
+    """Note each pair of catalogues with the same values: one of them is no measurement of its own."""
     notes = []
     for (i, one), (j, two) in combinations(enumerate(labels), 2):
-        at = np.flatnonzero(sky.seen[i] & sky.seen[j])
-        if len(at) and (same := count_same(_difference(sky, i, j, at, 0.0))) > len(at) / 2:
+        at = np.flatnonzero(sources.seen[i] & sources.seen[j])
+        if len(at) and (same := count_same(_make_difference_field(sources, i, j, at, 0.0))) > len(at) / 2:
             text = (
                 f"warning: {same} of {len(at)} sources have the same values in {one} and {two}: leave one of them out"
             )
@@ -422,21 +422,21 @@ def _copies_among(sky, labels):
     return tuple(notes)
 
 
-def _estimate_shared_errors(sky, noise, selection, labels, rng):
+def _estimate_shared_errors(sources, noise, selection, labels, rng):
     """Rotation and glide with systematic errors; errors by the scatter about a fit to degree 5, in classes of error."""
-    normal = _sum_normal_equations(sky, _FLOOR, noise, selection)
-    factors = _solve(sky, _FLOOR, noise, selection, labels, normal)[3]
+    normal = _sum_normal_equations(sources, _FLOOR_MODES, noise, selection)
+    factors = _solve(sources, _FLOOR_MODES, noise, selection, labels, normal)[3]
     matrix, rhs = (np.tensordot(1 / factors, sums, 1) for sums in normal[:2])
-    is_common = sky.seen[1:, selection] & sky.seen[0, selection]
+    is_common = sources.seen[1:, selection] & sources.seen[0, selection]
     return compare_classes_jointly(
         matrix[1:, :, 1:],
         rhs[1:],
-        _FLOOR,
+        _FLOOR_MODES,
         rng=rng,
         labels=tuple(f"{label} − {labels[0]}" for label in labels[1:]),
         n_sources=tuple(map(int, is_common.sum(1))),
-        frame=sky.frame,
-        unit=sky.unit,
+        frame=sources.frame,
+        unit=sources.unit,
     )
 
 
@@ -445,15 +445,15 @@ class _CommonSources:
 
     def __init__(self, labels, catalogues):
         reference = catalogues[0]
-        positions = isinstance(reference, Positions)
-        self.frame, self.unit = reference.frame, "µas" if positions else "µas/yr"
+        is_position = isinstance(reference, Positions)
+        self.frame, self.unit = reference.frame, "µas" if is_position else "µas/yr"
         for label, catalogue in zip(labels, catalogues, strict=True):
             if catalogue.name is None:
                 raise FieldError(f"{label} has no names to match its sources by")
             if len(np.unique(catalogue.name)) < len(catalogue):
                 count = len(catalogue) - len(np.unique(catalogue.name))
                 raise FieldError(f"{count} names stand twice in {label}: match by position (--match ARCSEC)")
-        if positions:
+        if is_position:
             catalogues = [catalogue.at_epoch(reference.epoch) for catalogue in catalogues]
         names, counts = np.unique(
             np.concatenate([np.asarray(catalogue.name, str) for catalogue in catalogues]), return_counts=True
@@ -466,36 +466,36 @@ class _CommonSources:
         for i, catalogue in enumerate(catalogues):
             source_names = np.asarray(catalogue.name, str)
             at = np.minimum(np.searchsorted(self.names, source_names), max(self.n - 1, 0))
-            mine = np.flatnonzero(self.names[at] == source_names) if self.n else np.zeros(0, int)
-            at = at[mine]
+            rows = np.flatnonzero(self.names[at] == source_names) if self.n else np.zeros(0, int)
+            at = at[rows]
             self.seen[i, at] = True
             is_new = np.isnan(self.lon[at])
-            self.lon[at[is_new]], self.lat[at[is_new]] = catalogue.lon[mine[is_new]], catalogue.lat[mine[is_new]]
-            if positions:
+            self.lon[at[is_new]], self.lat[at[is_new]] = (catalogue.lon[rows[is_new]], catalogue.lat[rows[is_new]])
+            if is_position:
                 p, q, r = triad(self.lon[at], self.lat[at])
-                offset = triad(catalogue.lon[mine], catalogue.lat[mine])[2] - r
+                offset = triad(catalogue.lon[rows], catalogue.lat[rows])[2] - r
                 self.x[i][:, at] = np.stack([np.sum(offset * p, 0), np.sum(offset * q, 0)]) / UAS
             else:
-                self.x[i][:, at] = catalogue.motion[:, mine]
-            self.root[i, at] = _covariance_roots(catalogue.sigma[:, mine], catalogue.rho[mine])
-        self.contrasts = 2 * (self.seen.sum(0) - 1)
+                self.x[i][:, at] = catalogue.motion[:, rows]
+            self.root[i, at] = _compute_covariance_roots(catalogue.sigma[:, rows], catalogue.rho[rows])
+        self.n_contrasts = 2 * (self.seen.sum(0) - 1)
         single_counts = [
             f"{label} {int(len(catalogue) - membership.sum())}"
             for label, catalogue, membership in zip(labels, catalogues, self.seen, strict=True)
         ]
         self.notes = (f"in one catalogue only, and not used: {', '.join(single_counts)}",)
 
-    def left(self, values, modes):
-        """Residuals of the places after the frames, (k, 2, n)."""
+    def compute_residuals(self, values, modes):
+        """Compute what the frames leave of the places, (k, 2, n)."""
         fields = [Coefficients(modes, coefficients).at(self.lon, self.lat) for coefficients in values]
         return self.x - np.stack([np.zeros((2, self.n)), *fields])
 
-    def groups(self, classes):
-        """Sources of one class that the same catalogues have: which catalogues, which class, which sources."""
+    def iterate_groups(self, classes):
+        """Iterate over sources of one class in the same catalogues: the catalogues, the class, and the sources."""
         codes = (2 ** np.arange(len(self.seen))) @ self.seen
-        for code, number in sorted({*zip(codes.tolist(), classes.tolist(), strict=True)}):
-            rows = np.flatnonzero((codes == code) & (classes == number))
-            yield np.flatnonzero(self.seen[:, rows[0]]), number, rows
+        for code, class_number in sorted({*zip(codes.tolist(), classes.tolist(), strict=True)}):
+            rows = np.flatnonzero((codes == code) & (classes == class_number))
+            yield np.flatnonzero(self.seen[:, rows[0]]), class_number, rows
 
 
 @dataclass(frozen=True)
@@ -505,144 +505,144 @@ class _Noise:
     classes: IntArray
     correlation: FloatArray
     factors: FloatArray
-    of_all: FloatArray
+    correlation_of_all: FloatArray
 
     def is_near(self, other):
         """Return whether another is the same but for what changes nothing."""
         pairs = ((self.correlation, other.correlation), (np.sqrt(self.factors), np.sqrt(other.factors)))
-        return all(np.allclose(one, two, atol=1e-4) for one, two in pairs)
+        return all(np.allclose(own, others, atol=1e-4) for own, others in pairs)
 
 
-def _noise_of_quoted_errors(sky, n_modes):
-    """Classes of quoted error as those of a comparison of two, without common noise: the faint may share it alone."""
-    count = max(1, min(CLASSES, sky.n // max(FEWEST, 2 * n_modes)))
-    size = np.einsum("kiab,kiab->i", sky.root, sky.root) / sky.seen.sum(0)
-    classes = np.empty(sky.n, int)
-    for number, members in enumerate(np.array_split(np.argsort(size, kind="stable"), count)):
+def _make_independent_noise(sources, n_modes):
+    """Make noise that no catalogues share, in classes of quoted error: the faint may be found to share it alone."""
+    n_classes = max(1, min(CLASSES, sources.n // max(FEWEST, 2 * n_modes)))
+    mean_variance = np.einsum("kiab,kiab->i", sources.root, sources.root) / sources.seen.sum(0)
+    classes = np.empty(sources.n, int)
+    for number, members in enumerate(np.array_split(np.argsort(mean_variance, kind="stable"), n_classes)):
         classes[members] = number
-    independent = np.eye(len(sky.seen))
-    return _Noise(classes, np.tile(independent, (count, 1, 1)), np.ones(count), independent)
+    independent = np.eye(len(sources.seen))
+    return _Noise(classes, np.tile(independent, (n_classes, 1, 1)), np.ones(n_classes), independent)
 
 
-def _covariance_roots(sigma, rho):
-    """The symmetric roots of covariances, (n, 2, 2)."""
+def _compute_covariance_roots(sigma, rho):
+    """Compute the symmetric roots of covariances, (n, 2, 2)."""
     a, b, c = sigma[0] ** 2, sigma[1] ** 2, rho * sigma[0] * sigma[1]
     s = np.sqrt(np.maximum(a * b - c**2, 0.0))
     t = np.sqrt(a + b + 2 * s)
     return np.moveaxis(np.array([[a + s, c], [c, b + s]]) / t, -1, 0)
 
 
-def _sum_normal_equations(sky, modes, noise, selection):
-    """Normal equations of all catalogues by class, (C, K, p, K, p) and (C, K, p), and the weights of differences."""
-    k, p = len(sky.seen), len(modes)
+def _sum_normal_equations(sources, modes, noise, selection):
+    """Sum normal equations of catalogues by class, (C, K, p, K, p) and (C, K, p), with the weights of differences."""
+    k, p = len(sources.seen), len(modes)
     matrix, rhs = (np.zeros((len(noise.factors), *shape)) for shape in ((k, p, k, p), (k, p)))
-    weights = []
-    for has, c, rows in sky.groups(noise.classes):
-        correlation = noise.correlation[c]
-        w = _weights(sky.root[has][:, rows], correlation[np.ix_(has, has)])
-        weights.append((has, rows, w))
-        if len(has) == 2:  # their difference is all that counts: the sums of a field, whatever its size
-            (i, j), at = has, rows[selection[rows]]
-            if len(at):
-                normal = normal_equations(_difference(sky, i, j, at, correlation[i, j]), modes)
+    group_weights = []
+    for seen_by, class_number, rows in sources.iterate_groups(noise.classes):
+        correlation = noise.correlation[class_number]
+        w = _compute_weights(sources.root[seen_by][:, rows], correlation[np.ix_(seen_by, seen_by)])
+        group_weights.append((seen_by, rows, w))
+        if len(seen_by) == 2:  # their difference is all that counts: the sums of a field, whatever its size
+            (i, j), kept = seen_by, rows[selection[rows]]
+            if len(kept):
+                normal = normal_equations(_make_difference_field(sources, i, j, kept, correlation[i, j]), modes)
                 for row, column, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
-                    matrix[c, row, :, column] += sign * normal.matrix
-                rhs[c, i] += normal.rhs
-                rhs[c, j] -= normal.rhs
+                    matrix[class_number, row, :, column] += sign * normal.matrix
+                rhs[class_number, i] += normal.rhs
+                rhs[class_number, j] -= normal.rhs
             continue
-        for start in range(0, len(rows), _TOGETHER):
-            chunk = slice(start, start + _TOGETHER)
-            at, chunk_weights = rows[chunk][selection[rows[chunk]]], w[chunk][selection[rows[chunk]]]
-            a, x = harmonics(sky.lon[at], sky.lat[at], modes), sky.x[has][:, :, at]
-            for i, row in enumerate(has):
-                for j, column in enumerate(has):
+        for start in range(0, len(rows), _CHUNK_SIZE):
+            chunk = slice(start, start + _CHUNK_SIZE)
+            kept, chunk_weights = rows[chunk][selection[rows[chunk]]], w[chunk][selection[rows[chunk]]]
+            a, x = (harmonics(sources.lon[kept], sources.lat[kept], modes), sources.x[seen_by][:, :, kept])
+            for i, row in enumerate(seen_by):
+                for j, column in enumerate(seen_by):
                     product = np.einsum("pam,mab->pbm", a, chunk_weights[:, i, :, j])
-                    matrix[c, row, :, column] += product.reshape(p, -1) @ a.reshape(p, -1).T
-                    rhs[c, row] += product.reshape(p, -1) @ x[j].ravel()
-    return matrix, rhs, weights
+                    matrix[class_number, row, :, column] += product.reshape(p, -1) @ a.reshape(p, -1).T
+                    rhs[class_number, row] += product.reshape(p, -1) @ x[j].ravel()
+    return matrix, rhs, group_weights
 
 
-def _solve(sky, modes, noise, selection, labels, normal=None):
-    """Coefficients, their covariance, χ² of each source, χ²/dof of each class, all χ², and its degrees of freedom.
+def _solve(sources, modes, noise, selection, labels, normal=None):
+    """Fit coefficients, their covariance, χ² of each source, χ²/dof of each class, all χ², and its degrees of freedom.
 
     The errors of each class are multiplied by the root of its factor; `normal` are equations that are at hand.
     """
     k, p = len(labels), len(modes)
-    matrix, rhs, weights = normal or _sum_normal_equations(sky, modes, noise, selection)
-    of_class = matrix[:, 1:, :, 1:].reshape(len(matrix), (k - 1) * p, -1) / noise.factors[:, None, None]
-    n = of_class.sum(0)
-    size = np.sqrt(np.diag(n))
-    if not (size > 0).all() or np.linalg.cond(n / np.outer(size, size)) > 1e10:
+    matrix, rhs, group_weights = normal or _sum_normal_equations(sources, modes, noise, selection)
+    class_matrices = matrix[:, 1:, :, 1:].reshape(len(matrix), (k - 1) * p, -1) / noise.factors[:, None, None]
+    total_matrix = class_matrices.sum(0)
+    scale = np.sqrt(np.diag(total_matrix))
+    if not (scale > 0).all() or np.linalg.cond(total_matrix / np.outer(scale, scale)) > 1e10:
         raise DegeneracyError(
             f"sources in common do not determine all frames of {', '.join(labels)} to this degree: lower it, or leave "
             "out a catalogue that shares few"
         )
-    covariance = np.linalg.inv(n)
+    covariance = np.linalg.inv(total_matrix)
     values = (covariance @ np.tensordot(1 / noise.factors, rhs[:, 1:], 1).ravel()).reshape(k - 1, p)
-    chi2_of, residuals = np.zeros(sky.n), sky.left(values, modes)
-    for has, rows, w in weights:
-        chi2_of[rows] = np.einsum(
-            "iam,miajb,jbm->m", residuals[has][:, :, rows], w, residuals[has][:, :, rows], optimize=True
+    chi2s, residuals = np.zeros(sources.n), sources.compute_residuals(values, modes)
+    for seen_by, rows, w in group_weights:
+        chi2s[rows] = np.einsum(
+            "iam,miajb,jbm->m", residuals[seen_by][:, :, rows], w, residuals[seen_by][:, :, rows], optimize=True
         )
     chi2, dof = (
-        np.bincount(noise.classes[selection], numbers[selection], len(matrix)) for numbers in (chi2_of, sky.contrasts)
+        np.bincount(noise.classes[selection], terms[selection], len(matrix)) for terms in (chi2s, sources.n_contrasts)
     )
-    dof = dof - np.einsum("ij,cji->c", covariance, of_class)
+    dof = dof - np.einsum("ij,cji->c", covariance, class_matrices)
     factors = np.where((dof > 0) & (chi2 > 1e-12 * dof), chi2 / np.maximum(dof, 1e-300), 1.0)
-    factors = np.where(dof < _FEW_DOF, np.maximum(factors, 1.0), factors)
-    return values, covariance, chi2_of, factors, float(chi2.sum()), float(dof.sum())
+    factors = np.where(dof < _FEWEST_DOF, np.maximum(factors, 1.0), factors)
+    return values, covariance, chi2s, factors, float(chi2.sum()), float(dof.sum())
 
 
-def _difference(sky, i, j, at, rho):
-    """Differences of two catalogues with their common noise, as a field."""
-    total, cross = _covariance_sums(sky, i, j, at)
-    v = total - rho * cross
-    sigma = np.sqrt(np.stack([v[:, 0, 0], v[:, 1, 1]]))
-    d = sky.x[i][:, at] - sky.x[j][:, at]
-    return Field(sky.lon[at], sky.lat[at], d, sigma, v[:, 0, 1] / (sigma[0] * sigma[1]))
+def _make_difference_field(sources, i, j, rows, rho):
+    """Make a field of the differences of two catalogues, with their common noise."""
+    total, cross = _sum_covariances(sources, i, j, rows)
+    covariance = total - rho * cross
+    sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
+    difference = sources.x[i][:, rows] - sources.x[j][:, rows]
+    return Field(sources.lon[rows], sources.lat[rows], difference, sigma, covariance[:, 0, 1] / (sigma[0] * sigma[1]))
 
 
-def _covariance_sums(sky, i, j, at):
-    """Σ of the covariances of two catalogues, and what noise that both share takes from it: (n, 2, 2) each."""
-    a, b = sky.root[i, at], sky.root[j, at]
+def _sum_covariances(sources, i, j, rows):
+    """Sum the covariances of two catalogues, and find what noise that both share takes from it: (n, 2, 2) each."""
+    a, b = sources.root[i, rows], sources.root[j, rows]
     cross = a @ np.swapaxes(b, 1, 2)
     return a @ a + b @ b, cross + np.swapaxes(cross, 1, 2)
 
 
-def _weights(root, correlation):
-    """Inverse covariances of what catalogues see of each source, its true place eliminated: (m, h, 2, h, 2)."""
+def _compute_weights(root, correlation):
+    """Compute inverse covariances of what catalogues see of each source, its true place eliminated: (m, h, 2, h, 2)."""
     h, m = root.shape[:2]
     covariance = np.einsum("ij,imab,jmcb->miajc", correlation, root, root)
     w = np.linalg.inv(covariance.reshape(m, 2 * h, 2 * h)).reshape(m, h, 2, h, 2)
-    once = w.sum(3)  # W E, E the sum over catalogues
-    return w - np.einsum("miab,mbc,mjdc->miajd", once, np.linalg.inv(once.sum(1)), once, optimize=True)
+    row_sums = w.sum(3)  # W E, E the sum over catalogues
+    return w - np.einsum("miab,mbc,mjdc->miajd", row_sums, np.linalg.inv(row_sums.sum(1)), row_sums, optimize=True)
 
 
-def _estimate_common_noise(sky, modes, values, selection, noise):
+def _estimate_common_noise(sources, modes, values, selection, noise):
     """The noise with ρ of each pair in each class by the likelihood of its differences."""
-    residuals, p = sky.left(values, modes), len(modes)
-    of_all = _correlation_of(sky, residuals, selection, np.eye(len(sky.seen)), p)
-    correlation = [
-        _correlation_of(sky, residuals, selection, of_all, p, noise.classes == number)
+    residuals, p = sources.compute_residuals(values, modes), len(modes)
+    overall = _fit_correlation(sources, residuals, selection, np.eye(len(sources.seen)), p)
+    correlations = [
+        _fit_correlation(sources, residuals, selection, overall, p, noise.classes == number)
         for number in range(len(noise.factors))
     ]
-    return replace(noise, correlation=np.array(correlation), of_all=of_all)
+    return replace(noise, correlation=np.array(correlations), correlation_of_all=overall)
 
 
-def _correlation_of(sky, residuals, selection, otherwise, p, members=True):
-    """ρ of each pair of catalogues for some sources, or `otherwise` of few; the nearest that all can have together."""
+def _fit_correlation(sources, residuals, selection, default, n_modes, members=True):
+    """Fit ρ of each pair of catalogues for some sources, or take `default` of few; the nearest that all can have."""
     from scipy.optimize import minimize_scalar  # slow to import
 
-    k = len(sky.seen)
-    correlation = np.array(otherwise)
+    k = len(sources.seen)
+    correlation = np.array(default)
     for i, j in combinations(range(k), 2):
-        pair = selection & sky.seen[i] & sky.seen[j]
+        pair = selection & sources.seen[i] & sources.seen[j]
         common = np.flatnonzero(pair & members)
-        if len(common) < _FEW_OF_PAIR or pair.sum() <= p:
+        if len(common) < _FEWEST_OF_PAIR or pair.sum() <= n_modes:
             continue
         d = residuals[i][:, common] - residuals[j][:, common]
-        d *= np.sqrt(2 * pair.sum() / (2 * pair.sum() - p))  # the fit has taken its part
-        total, cross = _covariance_sums(sky, i, j, common)
+        d *= np.sqrt(2 * pair.sum() / (2 * pair.sum() - n_modes))  # the fit has taken its part
+        total, cross = _sum_covariances(sources, i, j, common)
 
         def loss(rho, own=total, cross=cross, d=d):
             v = own - rho * cross
@@ -650,9 +650,9 @@ def _correlation_of(sky, residuals, selection, otherwise, p, members=True):
             chi2 = (v[:, 1, 1] * d[0] ** 2 - 2 * v[:, 0, 1] * d[0] * d[1] + v[:, 0, 0] * d[1] ** 2) / det
             return float(np.sum(chi2 + np.log(det)))
 
-        best = minimize_scalar(loss, bounds=(0.0, _MOST), method="bounded", options={"xatol": 1e-5})
-        correlation[i, j] = correlation[j, i] = best.x
-    weight, axes = np.linalg.eigh(correlation)
-    if weight[0] < 1e-3:
-        correlation = axes * np.maximum(weight, 1e-3) @ axes.T
+        optimum = minimize_scalar(loss, bounds=(0.0, _LARGEST_CORRELATION), method="bounded", options={"xatol": 1e-5})
+        correlation[i, j] = correlation[j, i] = optimum.x
+    eigenvalues, eigenvectors = np.linalg.eigh(correlation)
+    if eigenvalues[0] < 1e-3:
+        correlation = eigenvectors * np.maximum(eigenvalues, 1e-3) @ eigenvectors.T
     return correlation / np.sqrt(np.outer(np.diag(correlation), np.diag(correlation)))

@@ -35,15 +35,15 @@ from vsh.vector import Vector, chance_probability
 
 __all__ = ["FrameComparison", "compare_catalogues"]
 #: Outliers that the report lists.
-_LISTED, _FEW_LISTED = 10, 3
+_MOST_LISTED, _FEW_LISTED = 10, 3
 #: What is so many times farther than the limit from a robust fit is left out before the first plain one.
-_FAR = 3.0
+_FAR_RATIO = 3.0
 #: The degree that it is looked for to.
-_DEGREE = 5
+_FLOOR_DEGREE = 5
 #: Classes of quoted error, and the fewest sources in one.
 CLASSES, FEWEST = 5, 30
 #: The nside of the blocks that are left out one by one.
-_BLOCKS = 2
+_BLOCK_NSIDE = 2
 
 
 #: What may be fitted alone, by its kind of coefficients: rotation, the glide, or nothing beside all degrees.
@@ -83,13 +83,13 @@ def fit_by_error_class(differences: Field, modes: Modes, indices: IntArray | Non
     n = len(differences)
     indices = np.arange(len(modes)) if indices is None else indices
     p = len(indices)
-    count = max(1, min(CLASSES, n // max(FEWEST, 2 * p)))
+    n_classes = max(1, min(CLASSES, n // max(FEWEST, 2 * p)))
     if 2 * n <= p:
         return None
     order = np.argsort(np.sum(differences.sigma**2, axis=0), kind="stable")
-    normals = [normal_equations(differences[np.sort(members)], modes) for members in np.array_split(order, count)]
+    normals = [normal_equations(differences[np.sort(members)], modes) for members in np.array_split(order, n_classes)]
     normals = [replace(e, matrix=e.matrix[np.ix_(indices, indices)], rhs=e.rhs[indices]) for e in normals]
-    tau = np.ones(count)
+    tau = np.ones(n_classes)
     for _ in range(6):
         matrix = sum((normal.matrix / t for normal, t in zip(normals, tau, strict=True)), np.zeros((p, p)))
         rhs = sum((normal.rhs / t for normal, t in zip(normals, tau, strict=True)), np.zeros(p))
@@ -116,8 +116,8 @@ def count_same(differences: Field) -> int:
     """Count the sources that have the same values in both catalogues."""
     size = abs(differences.motion)
     is_near = (size < 1e-3 * differences.sigma).all(axis=0)
-    least = 0.01 * np.median(size[:, ~is_near]) if (~is_near).any() else np.inf
-    return int((is_near & (size < least).all(axis=0)).sum())
+    limit = 0.01 * np.median(size[:, ~is_near]) if (~is_near).any() else np.inf
+    return int((is_near & (size < limit).all(axis=0)).sum())
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -244,8 +244,8 @@ class FrameComparison(FrameResult, AboutSolution):
         There is none where most sources have the same values in both catalogues.
         """
         if 2 * self.n_same > self.solution.n_sources:
-            told = f"{self.n_same} of {self.solution.n_sources} sources have the same values in both catalogues"
-            return Answer((("no comparison", f"{told}: one has taken them from the other"),))
+            copied = f"{self.n_same} of {self.solution.n_sources} sources have the same values in both catalogues"
+            return Answer((("no comparison", f"{copied}: one has taken them from the other"),))
         lines = list(super().answer.lines)
         p = self.deformation_p_value if self.by_class is None else self.deformation_p_value_by_class
         if np.isfinite(p):
@@ -328,7 +328,7 @@ class FrameComparison(FrameResult, AboutSolution):
         columns = {"ICRF3 term": term_names, "value": values, "sigma": errors, "value / error": values / errors}
         columns["formal error"] = [parameters[name][1] for name in term_names]
         table = tables.table_of(columns, {}, dict.fromkeys(("value", "sigma", "formal error"), solution.unit))
-        facts = [("sources", f"{solution.n_sources}, {len(self.names)} excluded"), *self._error_facts(long)]
+        facts = [("sources", f"{solution.n_sources}, {len(self.names)} excluded"), *self._list_error_facts(long)]
         rotation = "R1, R2, R3 are the components of the rotation with the opposite sign"
         remarks = [f"{rotation}, because they rotate the axes and not the sources."]
         if self.alone is not None:
@@ -346,7 +346,7 @@ class FrameComparison(FrameResult, AboutSolution):
         title = f"{a} − {b}: differences of {quantity}"
         sections = [Section(title, facts, table, forms=forms, remarks=remarks, notes=notes)]
         if long and self.names:
-            outliers = self.outliers_table()[:_LISTED]
+            outliers = self.outliers_table()[:_MOST_LISTED]
             outliers.rename_columns(["name", "distance"], ["source", "errors"])
             forms = dict.fromkeys(("east", "north", "errors"), ".1f")
             title = f"Largest deviations, of {len(self.names)} excluded sources"
@@ -356,8 +356,8 @@ class FrameComparison(FrameResult, AboutSolution):
             sections += best.sections(long=True)
         return tuple(sections)
 
-    def _error_facts(self, long):
-        """Facts on the errors: their source and what they leave out."""
+    def _list_error_facts(self, long):
+        """List facts on the errors: their source and what they leave out."""
         solution, facts = self.solution, []
         if self.method:
             facts.append(("method", f"{self.method}, its formal errors beside"))
@@ -370,28 +370,28 @@ class FrameComparison(FrameResult, AboutSolution):
             )
         if solution.modes.lmax > 1 and long:
             p = self.deformation_p_value_by_class
-            chances = [f"{printed_p_value(p)} with errors rescaled in classes"] * bool(np.isfinite(p))
+            p_values = [f"{printed_p_value(p)} with errors rescaled in classes"] * bool(np.isfinite(p))
             errors = f"errors by {self.method}" if self.method else "formal errors"
-            chances.append(f"{printed_p_value(self.deformation_p_value)} with {errors}")
+            p_values.append(f"{printed_p_value(self.deformation_p_value)} with {errors}")
             if self.factor != 1 and not self.method:
-                chances.append(
+                p_values.append(
                     f"{printed_p_value(self.deformation_p_value_scaled)} with formal errors times one factor"
                 )
-            facts.append(("deformation", f"degrees 2 to {solution.modes.lmax}, p = {'; '.join(chances)}"))
+            facts.append(("deformation", f"degrees 2 to {solution.modes.lmax}, p = {'; '.join(p_values)}"))
         if self.factor != 1:
-            text = f"their scatter is {self.factor:.3g} times the formal errors"
+            phrase = f"their scatter is {self.factor:.3g} times the formal errors"
             if self.factor < 1:
-                text += (
+                phrase += (
                     ": the catalogues have observations in common, or the formal errors are too large; errors common "
                     "to both catalogues cancel in the differences and are not included"
                 )
-            facts.append(("residuals", text))
+            facts.append(("residuals", phrase))
         if self.shared is not None:
             facts.append(("R and D", "errors include systematic errors, estimated from degrees 2 to 5"))
         if self.floor is not None and long:
             spin, glide = self.floor.spin_error, self.floor.acceleration_error
-            text = f"rotation ± {spin:.3g}, glide ± {glide:.3g} {solution.unit}, included in the errors of R and D; "
-            facts.append(("floor", f"{text}estimated from degrees 2 to {max(self.floor.degrees)}, for each parity"))
+            phrase = f"rotation ± {spin:.3g}, glide ± {glide:.3g} {solution.unit}, included in the errors of R and D; "
+            facts.append(("floor", f"{phrase}estimated from degrees 2 to {max(self.floor.degrees)}, for each parity"))
         for label, index in zip(self.labels, (0, 1), strict=True) if long else ():
             value, pair = self.correlations.largest(index)
             facts.append((f"errors of {label}", f"largest correlation {value:+.3f}, of {pair[0]} and {pair[1]}"))
@@ -493,33 +493,33 @@ def compare_catalogues(
     # A few that are off by thousands of errors would carry a first fit away: none of them goes into it.
     is_near, scatter = np.ones(len(differences), bool), np.ones(len(differences))
     if differences.motion.any():  # a catalogue beside itself has no scatter
-        residuals = _normalised_residuals(student_t(differences, modes).solution, differences)
-        scatter = _scatter_by_class(residuals, differences)
-        is_near = residuals <= _FAR * threshold * scatter
+        residuals = _compute_normalised_residuals(student_t(differences, modes).solution, differences)
+        scatter = _estimate_scatter_by_class(residuals, differences)
+        is_near = residuals <= _FAR_RATIO * threshold * scatter
     scaled = differences.with_errors(differences.sigma * scatter, differences.rho)
     clipping = clip(scaled[is_near] if is_near.any() else scaled, modes, threshold=threshold)
     selection = is_near.copy()
     selection[is_near] = clipping.kept
     formal = clipping.solution
     if (scatter > 1).any():
-        fits = (fit_field(each[selection], modes) for each in (scaled, differences))
-        formal = _with_given_errors(formal, *fits)
-    distances = _normalised_residuals(formal, differences)
+        fits = (fit_field(field[selection], modes) for field in (scaled, differences))
+        formal = _restore_given_errors(formal, *fits)
+    distances = _compute_normalised_residuals(formal, differences)
     order = np.flatnonzero(~selection)[np.argsort(-distances[~selection], kind="stable")]
     source_names = differences.name if differences.name is not None else np.arange(len(differences))
     fitted = differences[selection]
-    sources = [_with_own_errors(each, indices[selection], fitted) for each, indices in ((a, pairs.a), (b, pairs.b))]
-    shared_errors = [getattr(each, "covariance", None) is not None for each in (a, b)]
+    fields = [_apply_own_errors(each, indices[selection], fitted) for each, indices in ((a, pairs.a), (b, pairs.b))]
+    has_covariance = [getattr(catalogue, "covariance", None) is not None for catalogue in (a, b)]
     covariance = None
-    if any(shared_errors):
+    if any(has_covariance):
         if method != "least-squares" or parameters != "degree":
-            what = method if method != "least-squares" else f"the {parameters} alone"
+            asked = method if method != "least-squares" else f"the {parameters} alone"
             raise ParameterError(
-                f"{what} weighs sources one by one, and {labels[shared_errors.index(True)]} has a covariance between "
+                f"{asked} weighs sources one by one, and {labels[has_covariance.index(True)]} has a covariance between "
                 'them: least squares of whole degrees uses it, method="least-squares", parameters="degree" '
                 "(--method least-squares --parameters degree)"
             )
-        covariance = _covariance_of((a[pairs.a[selection]], b[pairs.b[selection]]), sources)
+        covariance = _sum_covariances((a[pairs.a[selection]], b[pairs.b[selection]]), fields)
         formal = _solve_with_covariance(fitted, modes, covariance)
     estimate = _solve_by_method(fitted, modes, method, replicates, rng) or formal
     notes = list(estimate.notes)
@@ -530,7 +530,7 @@ def compare_catalogues(
         )
     if not is_near.all():
         notes.append(
-            f"{int((~is_near).sum())} of {len(is_near)} pairs deviate by more than {_FAR * threshold:g} standard "
+            f"{int((~is_near).sum())} of {len(is_near)} pairs deviate by more than {_FAR_RATIO * threshold:g} standard "
             "errors from a robust fit: excluded before the first least-squares fit"
         )
     n_same = count_same(fitted)
@@ -538,7 +538,7 @@ def compare_catalogues(
         notes.append(f"{n_same} of {len(fitted)} sources have the same values in both catalogues")
     solution = replace(estimate, unit=unit, notes=tuple(notes))
     names = tuple(name for name, (mode, _) in ICRF3.items() if mode.l == 1 and mode.kind in PARAMETERS[parameters])
-    indices = np.array([modes.index(ICRF3[each][0]) for each in names], int)
+    indices = np.array([modes.index(ICRF3[name][0]) for name in names], int)
     comparison = FrameComparison(
         labels=(labels[0], labels[1]),
         solution=solution,
@@ -546,8 +546,8 @@ def compare_catalogues(
         offsets=differences.motion[:, order].T,
         distances=distances[order],
         factor=1.0 if solution.error_source == ErrorSource.SCALED else solution.quality.factor,
-        correlations=correlation_matrices(sources, modes.lmax, labels=list(labels)),
-        by_class=fit_by_error_class(fitted, modes) if method == "least-squares" and not any(shared_errors) else None,
+        correlations=correlation_matrices(fields, modes.lmax, labels=list(labels)),
+        by_class=fit_by_error_class(fitted, modes) if method == "least-squares" and not any(has_covariance) else None,
         alone=fit_by_error_class(fitted, modes, indices) if names else None,
         alone_names=names,
         method="" if method == "least-squares" else method,
@@ -556,13 +556,13 @@ def compare_catalogues(
     return _add_floor(comparison, fitted, floor, replicates, rng, covariance), fitted
 
 
-def _covariance_of(catalogues, sources):
+def _sum_covariances(catalogues, fields):
     """Covariance of the differences, with what sources have in common in one catalogue or both."""
-    parts = [
-        of_errors(own) if getattr(each, "covariance", None) is None else Covariance(each.covariance)
-        for each, own in zip(catalogues, sources, strict=True)
+    covariances = [
+        of_errors(field) if getattr(catalogue, "covariance", None) is None else Covariance(catalogue.covariance)
+        for catalogue, field in zip(catalogues, fields, strict=True)
     ]
-    return parts[0] + parts[1]
+    return covariances[0] + covariances[1]
 
 
 def _solve_with_covariance(fitted, modes, covariance):
@@ -572,13 +572,13 @@ def _solve_with_covariance(fitted, modes, covariance):
     return replace(scaled, errors_from=scaled.errors_from.replace("the catalogue", "the covariance between sources"))
 
 
-def _with_given_errors(clipped, scaled, given):
+def _restore_given_errors(clipped, scaled, given):
     """The fit of what clipping by scaled errors left, with the errors given and what clipping does to them and χ²."""
-    share, variance = scaled.chi2 / clipped.chi2, np.trace(clipped.covariance) / np.trace(scaled.covariance)
-    return replace(given, covariance=given.covariance * variance, chi2=given.chi2 / share, notes=clipped.notes)
+    chi2_ratio, variance = scaled.chi2 / clipped.chi2, np.trace(clipped.covariance) / np.trace(scaled.covariance)
+    return replace(given, covariance=given.covariance * variance, chi2=given.chi2 / chi2_ratio, notes=clipped.notes)
 
 
-def _scatter_by_class(residuals, differences):
+def _estimate_scatter_by_class(residuals, differences):
     """Factor on the errors of each source, one at least, from the median residual of sources with similar errors.
 
     Sources with errors three times too small would be outliers by those, and the rest scatter less than the noise.
@@ -594,7 +594,7 @@ def _solve_by_method(fitted, modes, method, replicates, rng):
     """The solution by one of `fit.METHODS`; None of least squares."""
     if method in ("", "least-squares"):
         return None
-    return METHODS[method](fitted, modes, {"bootstrap": replicates, "jackknife": _BLOCKS}.get(method), rng).plain
+    return METHODS[method](fitted, modes, {"bootstrap": replicates, "jackknife": _BLOCK_NSIDE}.get(method), rng).plain
 
 
 def _add_floor(comparison, fitted, floor, replicates, rng, covariance):
@@ -605,24 +605,24 @@ def _add_floor(comparison, fitted, floor, replicates, rng, covariance):
     is_shared = covariance is None and (len(fitted) >= MANY if floor is None else floor)
     if floor is False or (floor is None and not is_shared and len(fitted) < FEW):
         return comparison
-    degree = as_modes(max(_DEGREE, comparison.solution.modes.lmax))
-    normal = _solve_by_method(fitted, degree, comparison.method, replicates, rng) or normal_equations(
+    degree = as_modes(max(_FLOOR_DEGREE, comparison.solution.modes.lmax))
+    fit = _solve_by_method(fitted, degree, comparison.method, replicates, rng) or normal_equations(
         fitted, degree, covariance=covariance
     )
     if is_shared:
-        errors = shared([normal], range(2, _DEGREE + 1), labels=[" − ".join(comparison.labels)], rng=rng)
-        return replace(comparison, shared=replace(errors, unit=comparison.solution.unit))
+        shared_errors = shared([fit], range(2, _FLOOR_DEGREE + 1), labels=[" − ".join(comparison.labels)], rng=rng)
+        return replace(comparison, shared=replace(shared_errors, unit=comparison.solution.unit))
     with suppress(VshError):  # without noise, or on too little of the sky, there is none to be known
-        estimate = background_floor(normal, range(2, _DEGREE + 1))
+        estimate = background_floor(fit, range(2, _FLOOR_DEGREE + 1))
         if np.isfinite([estimate.spin_error, estimate.acceleration_error]).all():
             return replace(comparison, floor=estimate)
     return comparison
 
 
-def _normalised_residuals(solution, field):
+def _compute_normalised_residuals(solution, field):
     return np.sqrt(solution.residuals(field).chi2)
 
 
-def _with_own_errors(catalogue, indices, differences):
+def _apply_own_errors(catalogue, indices, differences):
     """The sources that were fitted, with the errors of one catalogue."""
     return differences.minus(differences.motion).with_errors(catalogue.sigma[:, indices], catalogue.rho[indices])

@@ -33,9 +33,9 @@ from vsh.tools.printing import printable
 from vsh.tools.types import BoolArray, FloatArray, IntArray
 
 #: Sources taken together: some 50 MB of templates for 240 unknowns and 90 transits of each.
-_SOURCES = 250
+_SOURCES_PER_BLOCK = 250
 #: Combinations with less information than this share of the most are taken by the sources' own parameters.
-_LOST = 1e-3
+_LEAST_INFORMATION = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,11 +102,11 @@ class TimeEquations(Frozen):
         kept : (k,) bool array
             Which are determined; sources' own positions, parallaxes and motions take the others.
         """
-        indices = np.flatnonzero(~self.unconstrained_terms)
-        matrix = self.matrix[np.ix_(indices, indices)]
+        free = np.flatnonzero(~self.unconstrained_terms)
+        matrix = self.matrix[np.ix_(free, free)]
         scale = np.sqrt(np.diag(matrix))
         values, directions = np.linalg.eigh(matrix / np.outer(scale, scale))
-        return indices, values, directions, (values > 0) & (values > _LOST * values[-1])
+        return free, values, directions, (values > 0) & (values > _LEAST_INFORMATION * values[-1])
 
     def named(self, free: IntArray, direction: FloatArray, most: int = 3) -> str:
         """A combination of the unknowns `free` in words, by the `most` largest coefficients of its `direction`."""
@@ -173,13 +173,13 @@ def normal_equations(
     total: TimeEquations | None = None
     names: set[Any] = set()
     for chunk in _iterate_chunks(observations):
-        mine = set(np.asarray(chunk.name).tolist())
-        if twice := names & mine:
+        chunk_names = set(np.asarray(chunk.name).tolist())
+        if twice := names & chunk_names:
             raise TableError(
                 f"{len(twice)} sources stand in two parts ({printable(min(twice))}, …): the five parameters of a source"
                 " need all of its observations together"
             )
-        names |= mine
+        names |= chunk_names
         equations = _sum_part(chunk, modes, functions, attitude, threads)
         total = equations if total is None else total + equations
     if total is None or total.n_sources == 0:
@@ -201,24 +201,24 @@ def _iterate_chunks(observations: Any) -> Iterator[Observations]:
 
 
 def _sum_part(observations, modes, functions, attitude, threads):
-    """The sums of one part."""
-    n, size = len(observations.lon), len(functions) * len(modes)
+    """Sum the equations of one part."""
+    n, n_unknowns = len(observations.lon), len(functions) * len(modes)
     bounds = np.searchsorted(observations.source, np.arange(n + 1))
     has_response = not isinstance(attitude, str)
     if has_response:
         attitude.taken(modes, functions)  # once, before threads ask for it
 
-    def chunk_products(selection):
-        return _block_products(
+    def sum_products(selection):
+        return _sum_block_products(
             observations, bounds, selection.start, selection.stop, modes, functions, attitude if has_response else None
         )
 
-    nothing: Any = np.zeros((size + 1, size + 1)), 0, 0
-    matrix, n_data, sources = reduce(add_sums, map_blocks(chunk_products, n, _SOURCES, threads), nothing)
-    lost = n - sources
+    zero: Any = np.zeros((n_unknowns + 1, n_unknowns + 1)), 0, 0
+    matrix, n_data, n_sources = reduce(add_sums, map_blocks(sum_products, n, _SOURCES_PER_BLOCK, threads), zero)
+    n_unused = n - n_sources
     notes = observations.notes + (tuple(getattr(attitude, "notes", ())) if has_response else ())
-    if lost:
-        notes = (*notes, f"{lost} of {n} sources have too few observations, or all in one direction: not used")
+    if n_unused:
+        notes = (*notes, f"{n_unused} of {n} sources have too few observations, or all in one direction: not used")
     return TimeEquations(
         modes,
         functions,
@@ -226,14 +226,14 @@ def _sum_part(observations, modes, functions, attitude, threads):
         np.array(matrix[:-1, -1]),
         float(matrix[-1, -1]),
         n_data,
-        sources,
+        n_sources,
         repr(attitude) if has_response else "known",
         notes,
     )
 
 
-def _block_products(observations, bounds, start, stop, modes, functions, attitude):
-    """Products of the templates and positions of some sources, their five parameters taken out."""
+def _sum_block_products(observations, bounds, start, stop, modes, functions, attitude):
+    """Sum products of the templates and positions of some sources, their five parameters taken out."""
     transits = slice(bounds[start], bounds[stop])
     size = len(functions) * len(modes) + 1
     source, design, time = observations.source[transits], observations.design[:, transits], observations.time[transits]
@@ -250,28 +250,28 @@ def _block_products(observations, bounds, start, stop, modes, functions, attitud
         columns[:, :-1] = attitude.left(lon, lat, scan, time, modes, functions, view=view)
     columns[:, -1] = observations.position[transits]
     columns /= observations.error[transits][:, None]
-    rows = (design / observations.error[transits]).T
+    own_columns = (design / observations.error[transits]).T
     prior = np.zeros((0, 5))
     if observations.colour is not None:  # a pseudocolour, and its prior as one more observation of each source
-        rows = np.column_stack([rows, -observations.colour[transits] / observations.error[transits]])
+        own_columns = np.column_stack([own_columns, -observations.colour[transits] / observations.error[transits]])
         prior = np.array([[0, 0, 0, 0, 0, 1 / COLOUR_PRIOR]])
-    of_prior = np.zeros((stop - start, size))
+    prior_columns = np.zeros((stop - start, size))
     counts = np.bincount(source - start, minlength=stop - start)
     row_starts = np.concatenate([[0], np.cumsum(counts)])
-    n_data = sources = 0
+    n_data = n_sources = 0
     for k in range(stop - start):
-        mine = slice(row_starts[k], row_starts[k + 1])
-        if counts[k] > rows.shape[1]:
-            own = np.vstack([rows[mine], prior])
-            root, triangle = np.linalg.qr(own / np.maximum(np.linalg.norm(own, axis=0), 1e-300))
-            if np.abs(np.diag(triangle)).min() > 1e-5:
-                fitted = root @ (root[: counts[k]].T @ columns[mine])
-                columns[mine] -= fitted[: counts[k]]
-                of_prior[k] = fitted[counts[k] :].sum(0)
-                n_data, sources = n_data + int(counts[k]), sources + 1
+        source_rows = slice(row_starts[k], row_starts[k + 1])
+        if counts[k] > own_columns.shape[1]:
+            own = np.vstack([own_columns[source_rows], prior])
+            orthogonal, triangular = np.linalg.qr(own / np.maximum(np.linalg.norm(own, axis=0), 1e-300))
+            if np.abs(np.diag(triangular)).min() > 1e-5:
+                fitted = orthogonal @ (orthogonal[: counts[k]].T @ columns[source_rows])
+                columns[source_rows] -= fitted[: counts[k]]
+                prior_columns[k] = fitted[counts[k] :].sum(0)
+                n_data, n_sources = n_data + int(counts[k]), n_sources + 1
                 continue
-        columns[mine] = 0.0
-    return columns.T @ columns + of_prior.T @ of_prior, n_data, sources
+        columns[source_rows] = 0.0
+    return columns.T @ columns + prior_columns.T @ prior_columns, n_data, n_sources
 
 
 def solve(equations: TimeEquations) -> TimeSolution:
@@ -295,27 +295,27 @@ def solve(equations: TimeEquations) -> TimeSolution:
     """
     arguments.a(TimeEquations)("equations", equations)
     modes, functions = equations.modes, equations.functions
-    indices, values, turn, is_determined = equations.combinations()
-    scale = np.sqrt(np.diag(equations.matrix)[indices])
-    if is_determined.sum() < len(indices) / 2:
+    free, eigenvalues, directions, is_determined = equations.combinations()
+    scale = np.sqrt(np.diag(equations.matrix)[free])
+    if is_determined.sum() < len(free) / 2:
         raise DegeneracyError(
-            f"{equations.n_sources} sources determine {is_determined.sum()} of {len(indices)} combinations of these "
+            f"{equations.n_sources} sources determine {is_determined.sum()} of {len(free)} combinations of these "
             "functions: take fewer functions, a lower degree, or more sources"
         )
-    half = turn[:, is_determined] / np.sqrt(values[is_determined]) / scale[:, None]
+    covariance_root = directions[:, is_determined] / np.sqrt(eigenvalues[is_determined]) / scale[:, None]
     size = len(functions) * len(modes)
-    solution, covariance = np.zeros(size), np.zeros((size, size))
-    solution[indices] = half @ (half.T @ equations.rhs[indices])
-    covariance[np.ix_(indices, indices)] = half @ half.T
+    coefficients, covariance = np.zeros(size), np.zeros((size, size))
+    coefficients[free] = covariance_root @ (covariance_root.T @ equations.rhs[free])
+    covariance[np.ix_(free, free)] = covariance_root @ covariance_root.T
     shares = np.zeros(size)
-    shares[indices] = np.sum(turn[:, is_determined] ** 2, 1)
-    lost = tuple(equations.named(indices, turn[:, i]) for i in np.flatnonzero(~is_determined))
+    shares[free] = np.sum(directions[:, is_determined] ** 2, 1)
+    lost = tuple(equations.named(free, directions[:, i]) for i in np.flatnonzero(~is_determined))
     return TimeSolution(
         modes=modes,
         functions=functions,
-        values=solution.reshape(len(functions), -1),
+        values=coefficients.reshape(len(functions), -1),
         covariance=covariance,
-        chi2=float(equations.chi2_null - equations.rhs @ solution),
+        chi2=float(equations.chi2_null - equations.rhs @ coefficients),
         dof=equations.n_data - 5 * equations.n_sources - int(is_determined.sum()),
         n_sources=equations.n_sources,
         attitude=equations.attitude,

@@ -29,7 +29,7 @@ from vsh.vector import Vector
 #: From when to when DR4's observations were made, about J2017.5. [yr]
 DR4_SPAN = (-2.94, 2.55)
 #: Panels of the integrals over a mission, and Gauss nodes of each: functions of less than a few hundred cycles.
-_PANELS, _NODES = 250, 12
+_N_PANELS, _N_NODES = 250, 12
 _KINDS = ("cos", "sin")
 
 
@@ -57,7 +57,7 @@ class Functions(Frozen):
 
     terms: tuple[tuple[str, float], ...]
     span: tuple[float, float] = DR4_SPAN
-    _made: dict = field(default_factory=dict, init=False, repr=False)
+    _cache: dict = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         start, end = (arguments.number("span", edge) for edge in self.span)
@@ -68,9 +68,9 @@ class Functions(Frozen):
         if len(set(self.terms)) < len(self.terms):
             raise ParameterError("a function stands among the terms twice: it could not be told from itself")
         # An exact line by least squares at Gauss nodes.
-        node, weight = _nodes()
-        time = self._middle + self._half * node
-        self._made["line"] = (self._plain(time) * weight) @ _line(node).T
+        node, weight = _compute_nodes()
+        time = self._middle + self._half_span * node
+        self._cache["line"] = (self._evaluate(time) * weight) @ _evaluate_line(node).T
 
     def __len__(self) -> int:
         return len(self.terms)
@@ -97,32 +97,32 @@ class Functions(Frozen):
     def __call__(self, time: ArrayLike) -> FloatArray:
         """Their values, (F, k), at `time` since the reference epoch, (k,). [yr]"""
         time = np.atleast_1d(np.asarray(time, float))
-        return self._plain(time) - self._made["line"] @ _line((time - self._middle) / self._half)
+        return self._evaluate(time) - self._cache["line"] @ _evaluate_line((time - self._middle) / self._half_span)
 
     @property
     def _middle(self):
         return (self.span[0] + self.span[1]) / 2
 
     @property
-    def _half(self):
+    def _half_span(self):
         return (self.span[1] - self.span[0]) / 2
 
-    def _plain(self, time):
+    def _evaluate(self, time):
         return np.array([getattr(np, family)(2 * np.pi * number * time) for family, number in self.terms])
 
 
-def _line(node):
-    """A constant and a slope, orthonormal from −1 to 1."""
+def _evaluate_line(node):
+    """Evaluate a constant and a slope, orthonormal from −1 to 1."""
     return np.array([np.full_like(node, np.sqrt(0.5)), node * np.sqrt(1.5)])
 
 
 @lru_cache(maxsize=1)
-def _nodes():
-    """Nodes and weights of an integral from −1 to 1."""
-    node, weight = np.polynomial.legendre.leggauss(_NODES)
-    edges = np.linspace(-1, 1, _PANELS + 1)
-    half = (edges[1] - edges[0]) / 2
-    return (edges[:-1, None] + half * (1 + node)).ravel(), np.tile(half * weight, _PANELS)
+def _compute_nodes():
+    """Compute nodes and weights of an integral from −1 to 1."""
+    node, weight = np.polynomial.legendre.leggauss(_N_NODES)
+    edges = np.linspace(-1, 1, _N_PANELS + 1)
+    half_panel = (edges[1] - edges[0]) / 2
+    return (edges[:-1, None] + half_panel * (1 + node)).ravel(), np.tile(half_panel * weight, _N_PANELS)
 
 
 def waves(*frequencies: float, span: tuple[float, float] = DR4_SPAN) -> Functions:
@@ -272,8 +272,8 @@ class TimeSolution(Result):
         row = self.functions.names.index(function)
         indices = np.arange(len(self.modes))[self.modes.slice_of(kind, l)]
         norm = self.modes.norm2[indices]
-        at = row * len(self.modes) + indices
-        block = self.covariance[np.ix_(at, at)]
+        positions = row * len(self.modes) + indices
+        block = self.covariance[np.ix_(positions, positions)]
         chi2, rank = _test_against_zero(self.values[row, indices], block, self.seen[row, indices] > SEEN)
         return (
             float(norm @ self.values[row, indices] ** 2),
@@ -310,15 +310,15 @@ class TimeSolution(Result):
         for kind, quantity in (("S", "glide"), ("T", "rotation")):
             chi2, rank, p_value = self.rest(kind)  # type: ignore[arg-type]
             text = f"χ² {chi2:.1f} of {rank} unknowns, p = {printed_p_value(p_value)}"
-            message = "not seen: an attitude solved from the same sky takes all of it"
-            facts.append((f"{quantity} in time", text if rank else message))
+            unseen = "not seen: an attitude solved from the same sky takes all of it"
+            facts.append((f"{quantity} in time", text if rank else unseen))
         rows = []
         for name, l, kind in product(self.functions.names, range(1, self.modes.lmax + 1), "TS"):
             power, noise, p_value = self.power(name, kind, l)  # type: ignore[arg-type]
             if np.isfinite(p_value):
                 rows.append((name, f"{kind}{l}", float(np.sqrt(power)), float(np.sqrt(noise)), p_value))
-        heads = ("function", "degree", "√power", "√noise", "p_value")
-        table = tables.table_of_rows(heads, rows, {}, {"√power": "uas", "√noise": "uas"})
+        column_names = ("function", "degree", "√power", "√noise", "p_value")
+        table = tables.table_of_rows(column_names, rows, {}, {"√power": "uas", "√noise": "uas"})
         remarks = []
         if self.lost:
             suffix = f"; and {len(self.lost) - 5} more" if len(self.lost) > 5 else ""
@@ -346,9 +346,9 @@ class TimeSolution(Result):
         return plot_in_time(self, ax=ax)
 
 
-def _test_against_zero(values, coefficient_covariance, mask):
-    """χ² against zero of the coefficients that are seen, and how many those are."""
-    at = np.flatnonzero(mask)
-    if not len(at):
+def _test_against_zero(values, coefficient_covariance, is_seen):
+    """Compute χ² against zero of the coefficients that are seen, and count those."""
+    seen = np.flatnonzero(is_seen)
+    if not len(seen):
         return 0.0, 0
-    return float(values[at] @ np.linalg.solve(coefficient_covariance[np.ix_(at, at)], values[at])), len(at)
+    return float(values[seen] @ np.linalg.solve(coefficient_covariance[np.ix_(seen, seen)], values[seen])), len(seen)

@@ -21,15 +21,15 @@ from vsh.tools.digits import format_with_error
 from vsh.tools.types import Axes
 
 #: The components xx, yy, zz, xy, xz, yz by how often they stand in a symmetric tensor.
-_TWICE = np.diag([1, 1, 1, 2, 2, 2])
+_MULTIPLICITY = np.diag([1, 1, 1, 2, 2, 2])
 
 
 @apply_style
 def plot_orbit(galactic_orbit: Any, circular: float, *, ax: Axes | None = None) -> Axes:
     """The three components with their errors, and the acceleration of a circular orbit."""
     (axes,) = panels(ax)
-    found = galactic_orbit.acceleration
-    axes.errorbar(range(3), found.value, found.sigma, fmt="o", color=COLOURS[0], label="found")
+    acceleration = galactic_orbit.acceleration
+    axes.errorbar(range(3), acceleration.value, acceleration.sigma, fmt="o", color=COLOURS[0], label="found")
     axes.scatter(
         range(3),
         [circular, 0, 0],
@@ -74,14 +74,14 @@ def plot_shear(tensor: Any, coefficients: Coefficients, *, ax: Axes | None = Non
 def plot_shear_by_class(result: Any, *, ax: Axes | None = None) -> Axes:
     """The size of the tensor in each class, its limit, and what noise with systematic errors shows on average."""
     (axes,) = panels(ax)
-    x = np.arange(len(result))
-    size = [shear.norm for shear in result.shears]
-    noise = [np.sqrt(np.trace(shear.covariance * _TWICE)) for shear in result.shears]
-    axes.bar(x, noise, width=0.8, color="0.88", label="noise, expected")
-    axes.plot(x, size, "o", color=COLOURS[0], label="estimate")
+    positions = np.arange(len(result))
+    norms = [shear.norm for shear in result.shears]
+    expected_norms = [np.sqrt(np.trace(shear.covariance * _MULTIPLICITY)) for shear in result.shears]
+    axes.bar(positions, expected_norms, width=0.8, color="0.88", label="noise, expected")
+    axes.plot(positions, norms, "o", color=COLOURS[0], label="estimate")
     limits = [shear.limit() for shear in result.shears]
-    axes.plot(x, limits, "v", color=COLOURS[1], markersize=4, label="95 % limit")
-    axes.set_xticks(x, result.labels, rotation=20)
+    axes.plot(positions, limits, "v", color=COLOURS[1], markersize=4, label="95 % limit")
+    axes.set_xticks(positions, result.labels, rotation=20)
     axes.set(ylim=(0, None), ylabel="|Σ|  [µas/yr]")
     legend_above(axes)
     return axes

@@ -37,8 +37,8 @@ _R0_OF_SPEED = 8.178
 _PER_KPC = 1e6 * JULIAN_YEAR / 3.0856775814913673e16
 
 
-def _square_over_radius(acceleration):
-    """V²/R of an apparent acceleration. [(km/s)²/kpc]"""
+def _compute_speed2_over_radius(acceleration):
+    """Compute V²/R of an apparent acceleration. [(km/s)²/kpc]"""
     return acceleration / (KM_S_MYR * _PER_KPC)
 
 
@@ -66,7 +66,7 @@ def circular_speed(
     """
     acceleration, r0 = positive("acceleration", acceleration), positive("r0", r0)
     error = not_negative("acceleration_error", acceleration_error), not_negative("r0_error", r0_error)
-    speed = np.sqrt(_square_over_radius(acceleration) * r0)
+    speed = np.sqrt(_compute_speed2_over_radius(acceleration) * r0)
     return float(speed), float(speed / 2 * np.hypot(error[0] / acceleration, error[1] / r0))
 
 
@@ -109,7 +109,7 @@ def distance_of_centre(
         speed_error = angular_speed_error() if speed is None else 0.0
     speed = angular_speed() if speed is None else positive("speed", speed)
     errors = not_negative("acceleration_error", acceleration_error), not_negative("speed_error", speed_error)
-    distance = _square_over_radius(acceleration) / speed**2
+    distance = _compute_speed2_over_radius(acceleration) / speed**2
     return float(distance), float(distance * np.hypot(errors[0] / acceleration, 2 * errors[1] / speed))
 
 
@@ -132,7 +132,7 @@ def expected_acceleration(r0: float = R0[0], speed: float | None = None) -> floa
     return float(speed**2 * positive("r0", r0) * KM_S_MYR * _PER_KPC)
 
 
-_NAMES = ("towards the centre", "along rotation", "towards the north pole")
+_AXIS_NAMES = ("towards the centre", "along rotation", "towards the north pole")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -257,7 +257,7 @@ class GalacticOrbit(Result):
 
     def to_table(self) -> Table:
         """A row for each component, as an astropy Table."""
-        columns = {"component": list(_NAMES), "value": self.acceleration.value, "sigma": self.acceleration.sigma}
+        columns = {"component": list(_AXIS_NAMES), "value": self.acceleration.value, "sigma": self.acceleration.sigma}
         return tables.table_of(columns, {"frame": "galactic"}, dict.fromkeys(("value", "sigma"), "uas / yr"))
 
     def plot(self, *, ax: Axes | None = None) -> Axes:

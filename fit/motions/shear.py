@@ -35,7 +35,7 @@ TO_TENSOR = (
         [-0.5, 0, 0, 0.5, 0], [-0.5, 0, 0, -0.5, 0], [1, 0, 0, 0, 0], [0, 0, 0, 0, 1], [0, 1, 0, 0, 0], [0, 0, 1, 0, 0],
     ]) / _FACTORS
 )  # fmt: skip
-PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+COMPONENT_INDICES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def from_tensor(tensor: ArrayLike) -> Coefficients:
@@ -84,7 +84,7 @@ def to_tensor(coefficients: Coefficients) -> FloatArray:
     ModesError
         If there is no degree 2.
     """
-    return matrix_of(TO_TENSOR @ coefficients.values[spheroidal_degree_two(coefficients.modes)])
+    return make_symmetric(TO_TENSOR @ coefficients.values[spheroidal_degree_two(coefficients.modes)])
 
 
 def spheroidal_degree_two(modes: Modes) -> slice:
@@ -94,15 +94,15 @@ def spheroidal_degree_two(modes: Modes) -> slice:
     return modes.slice_of("S", 2)
 
 
-def matrix_of(six: FloatArray) -> FloatArray:
-    """A symmetric matrix of its components xx, yy, zz, xy, xz, yz."""
+def make_symmetric(components: FloatArray) -> FloatArray:
+    """Make a symmetric matrix of its components xx, yy, zz, xy, xz, yz."""
     matrix = np.empty((3, 3))
-    for (i, j), value in zip(PLACES, six, strict=True):
+    for (i, j), value in zip(COMPONENT_INDICES, components, strict=True):
         matrix[i, j] = matrix[j, i] = value
     return matrix
 
 
-_NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
+_COMPONENT_NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -146,7 +146,7 @@ class Shear(Result):
     @property
     def values(self) -> FloatArray:
         """Σ_xx, Σ_yy, Σ_zz, Σ_xy, Σ_xz, Σ_yz, (6,). [µas/yr]"""
-        return np.array([self.tensor[index] for index in PLACES])
+        return np.array([self.tensor[index] for index in COMPONENT_INDICES])
 
     @property
     def sigma(self) -> FloatArray:
@@ -175,7 +175,7 @@ class Shear(Result):
 
         Good where the rates are several of them apart; two that are closer push each other apart, and scatter less.
         """
-        products = np.array([[v[i] * v[j] * (1 + (i != j)) for i, j in PLACES] for v in self.axes])
+        products = np.array([[v[i] * v[j] * (1 + (i != j)) for i, j in COMPONENT_INDICES] for v in self.axes])
         return np.sqrt(np.einsum("ki,ij,kj->k", products, self.covariance, products))
 
     def limit(self, probability: float = 0.95) -> float:
@@ -218,7 +218,7 @@ class Shear(Result):
 
     def to_table(self) -> Table:
         """A row for each component, as an astropy Table."""
-        columns = {"component": list(_NAMES), "value": self.values, "sigma": self.sigma}
+        columns = {"component": list(_COMPONENT_NAMES), "value": self.values, "sigma": self.sigma}
         return tables.table_of(columns, self._plain_facts(), dict.fromkeys(("value", "sigma"), "uas / yr"))
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
@@ -253,9 +253,9 @@ def expansion(solution: Solution, *, hubble: float = 70.0) -> Shear:
     """
     spheroidal_degree_two(solution.modes)
     values, matrix = solution.of_degree("S", 2)
-    six, tensor_covariance = TO_TENSOR @ values, TO_TENSOR @ matrix @ TO_TENSOR.T
+    components, tensor_covariance = TO_TENSOR @ values, TO_TENSOR @ matrix @ TO_TENSOR.T
     return Shear(
-        tensor=matrix_of(six),
+        tensor=make_symmetric(components),
         covariance=(tensor_covariance + tensor_covariance.T) / 2,
         p_value=solution.p_value("S", 2),
         hubble=positive("hubble", hubble),
@@ -265,8 +265,8 @@ def expansion(solution: Solution, *, hubble: float = 70.0) -> Shear:
     )
 
 
-def _own_modes(modes: Modes) -> BoolArray:
-    """Degree 1 and the spheroidal coefficients of degree 2: what each class has for itself."""
+def _is_own_mode(modes: Modes) -> BoolArray:
+    """Mask degree 1 and the spheroidal coefficients of degree 2: what each class has for itself."""
     mask = np.array(modes.degrees == 1)
     mask[spheroidal_degree_two(modes)] = True
     return mask
@@ -315,7 +315,7 @@ class ShearByClass(Result):
         values, tensor_covariance = self.means.mean(0), pool_draws(self.means, self.covariances)
         return tuple(
             Shear(
-                tensor=matrix_of(values[i]),
+                tensor=make_symmetric(values[i]),
                 covariance=tensor_covariance[i, :, i],
                 p_value=self.p_value(i),
                 hubble=self.hubble,
@@ -343,17 +343,17 @@ class ShearByClass(Result):
         """p-value of a tensor that does not change linearly with the places of the classes."""
         return self._p_value(self._slope_weights[None]) if len(self) > 1 else np.nan
 
-    def _p_value(self, rows):
+    def _p_value(self, contrasts):
         """The mean over draws of the p-value that linear combinations of classes, (r, K), are zero."""
-        if not len(rows):
+        if not len(contrasts):
             return np.nan
-        at = list(_INDEPENDENT)
-        return contrast_p_value(self.means[:, :, at], self.covariances[:, :, at][..., at], rows)
+        five = list(_INDEPENDENT)
+        return contrast_p_value(self.means[:, :, five], self.covariances[:, :, five][..., five], contrasts)
 
     @property
     def slope(self) -> FloatArray:
         """Change of the tensor with the places, by weighted least squares, (3, 3). [µas/yr per unit of the places]"""
-        return matrix_of(self._slope_weights @ self.means.mean(0))
+        return make_symmetric(self._slope_weights @ self.means.mean(0))
 
     @cached_property
     def _slope_weights(self):
@@ -461,21 +461,21 @@ def compare_expansions(
     >>> bool(compare_expansions(bins, [0.5, 1.5], draws=100).growth() > 0.01)
     True
     """
-    generator_ = generator(rng)
+    random = generator(rng)
     lots, modes, notes, facts = sample_class_errors(
-        normals, degrees, labels=labels, shapes=None, own=own, draws=draws, noise_scale=noise_scale, rng=generator_,
-        free=_own_modes,
+        normals, degrees, labels=labels, shapes=None, own=own, draws=draws, noise_scale=noise_scale, rng=random,
+        free=_is_own_mode,
     )  # fmt: skip
-    number = len(facts["labels"])
-    at = np.arange(number, dtype=float) if places is None else float_array("places", places, (number,))
-    if number > 1 and not np.ptp(at) > 0:
-        raise ParameterError(f"a test of growth needs a place for each of {number} classes, not all the same")
-    means, covariances = resample_draws(lots, generator_)[:2]
-    five = np.flatnonzero(_own_modes(modes)).searchsorted(np.arange(len(modes))[spheroidal_degree_two(modes)])
-    six = np.einsum("ab,nkb->nka", TO_TENSOR, means[:, :, five])
-    tensor_covariances = np.einsum("ab,nibjc,dc->niajd", TO_TENSOR, covariances[:, :, five][..., five], TO_TENSOR)
+    n_classes = len(facts["labels"])
+    places = np.arange(n_classes, dtype=float) if places is None else float_array("places", places, (n_classes,))
+    if n_classes > 1 and not np.ptp(places) > 0:
+        raise ParameterError(f"a test of growth needs a place for each of {n_classes} classes, not all the same")
+    means, covariances = resample_draws(lots, random)[:2]
+    terms = np.flatnonzero(_is_own_mode(modes)).searchsorted(np.arange(len(modes))[spheroidal_degree_two(modes)])
+    tensors = np.einsum("ab,nkb->nka", TO_TENSOR, means[:, :, terms])
+    tensor_covariances = np.einsum("ab,nibjc,dc->niajd", TO_TENSOR, covariances[:, :, terms][..., terms], TO_TENSOR)
     formal = [expansion(solve(normal)).p_value for normal in normals]
     return ShearByClass(
-        labels=facts["labels"], places=at, means=six, covariances=tensor_covariances, formal=np.array(formal),
+        labels=facts["labels"], places=places, means=tensors, covariances=tensor_covariances, formal=np.array(formal),
         n_sources=facts["n_sources"], hubble=positive("hubble", hubble), frame=facts["frame"], notes=tuple(notes),
     )  # fmt: skip

@@ -30,10 +30,10 @@ from vsh.tools.types import FloatArray
 from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
 from vsh.vector import GAIA_EDR3, Vector
 
-_V = ("v_x", "v_y", "v_z")
+_VELOCITY = ("v_x", "v_y", "v_z")
 _GRADIENT = ("w_x", "w_y", "w_z", "A", "C", "K", "S_xz", "S_yz")
 #: A median distance above this is one of galaxies. [Mpc]
-_GALAXIES = 1.0
+_NEAREST_GALAXIES = 1.0
 #: From km/s/kpc to µas/yr.
 _PER_KPC = 1000 / AU_PER_YEAR
 #: Symmetric tensors of A, C, K, S_xz and S_yz; K is of the plane against the pole.
@@ -45,7 +45,7 @@ _TENSORS = np.array([
     [[0, 0, 0], [0, 0, 1], [0, 1, 0]],
 ], float)  # fmt: skip
 #: Largest velocity dispersion that is tried. [km/s]
-_WIDEST = 3000.0
+_LARGEST_DISPERSION = 3000.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -109,25 +109,25 @@ class Kinematics(NamedSolution):
         if "A" not in self.names:
             return {}
         parameters = {"A": "A", "B": "w_z", "C": "C", "K": "K"}
-        at = {name: self.names.index(column) for name, column in parameters.items()}
-        return {name: (float(self.values[i]), float(self.sigma[i])) for name, i in at.items()}
+        indices = {name: self.names.index(column) for name, column in parameters.items()}
+        return {name: (float(self.values[i]), float(self.sigma[i])) for name, i in indices.items()}
 
     @property
     def vertex(self) -> tuple[float, float] | None:
         """The longitude of the vertex, tan 2l = −C/A, and its error; None without a gradient. [deg]"""
         if "A" not in self.names:
             return None
-        pick = [self.names.index("A"), self.names.index("C")]
-        a, c = self.values[pick]
+        columns = [self.names.index("A"), self.names.index("C")]
+        a, c = self.values[columns]
         slope = np.array([c, -a]) / (2 * (a * a + c * c))
-        error = np.sqrt(slope @ self.covariance[np.ix_(pick, pick)] @ slope)
+        error = np.sqrt(slope @ self.covariance[np.ix_(columns, columns)] @ slope)
         return float(np.degrees(np.arctan2(-c, a) / 2)), float(np.degrees(error))
 
     def model(self, field: Field) -> FloatArray:
         """The motions of the model at the sources of a `field` with distances or parallaxes, (2, n). [µas/yr]"""
         field.check_frame(self.frame)
         rates = inverse_distances_from_measurements(field, self.length / 1000, self.power)
-        return np.tensordot(self.values, _design(field, rates.mean, "A" in self.names), 1)
+        return np.tensordot(self.values, _compute_design(field, rates.mean, "A" in self.names), 1)
 
     def _sections(self, long):
         speed, (lon, lat) = self.velocity.amplitude, self.velocity.direction
@@ -146,7 +146,7 @@ class Kinematics(NamedSolution):
             assert self.vertex is not None
             facts += [("Oort constants", f"{constants} km/s/kpc"), ("vertex", f"{format_with_error(*self.vertex)}°")]
         columns = {"parameter": list(self.names), "value": self.values, "sigma": self.sigma}
-        columns["unit"] = ["km/s" if name in _V else "km/s/kpc" for name in self.names]
+        columns["unit"] = ["km/s" if name in _VELOCITY else "km/s/kpc" for name in self.names]
         return (Section("Our velocity with respect to stars", facts, tables.table_of(columns), notes=self.notes),)
 
 
@@ -216,7 +216,7 @@ def kinematics(
     """
     choice("frame", frame, ("galactic", "icrs", "ecliptic"))
     field = field.to_frame(frame)
-    names = (*_V, *_GRADIENT) if gradient else _V
+    names = (*_VELOCITY, *_GRADIENT) if gradient else _VELOCITY
     if 2 * len(field) <= len(names):
         raise DegeneracyError(f"{len(field)} sources cannot determine {len(names)} parameters")
     is_free = isinstance(dispersion, str)
@@ -224,7 +224,7 @@ def kinematics(
         raise ParameterError(f"a dispersion is a number [km/s], or 'free', not {dispersion!r}")
     kappa = 2.0 if power is None else positive("power", power)
     rates = inverse_distances_from_measurements(field, length, kappa)
-    if (distance := float(np.median(1 / rates.mean)) / AU_PER_YEAR) > _GALAXIES:
+    if (distance := float(np.median(1 / rates.mean)) / AU_PER_YEAR) > _NEAREST_GALAXIES:
         raise ParameterError(
             f"half of the sources are beyond {distance:.3g} Mpc, where the Solar System's acceleration alone is "
             f"{AU_PER_YEAR * distance * GAIA_EDR3.amplitude:.0f} km/s: fit.secular_parallax.observer_velocity fits both"
@@ -233,7 +233,7 @@ def kinematics(
     values, velocity_dispersion, (design, weights, normal) = _solve(
         field, rates, names, None if is_free else not_negative("dispersion", dispersion)
     )
-    covariance, chi2, dof = _sandwich(design, field.motion, values, weights, normal)
+    covariance, chi2, dof = _compute_sandwich(design, field.motion, values, weights, normal)
     if power is None:  # cuts change the slope of the density, too
         more, less = (
             _solve(field, inverse_distances_from_measurements(field, rates.length, each), names, velocity_dispersion)[0]
@@ -252,18 +252,18 @@ def kinematics(
 
 
 def _solve(field, rates, names, dispersion):
-    """The parameters, the dispersion (of greatest likelihood where it is None), and the matrices they came from."""
-    design, errors = _design(field, rates.mean, len(names) > len(_V)), _covariance_components(field)
+    """Solve for the parameters and the dispersion (of greatest likelihood where it is None), with their matrices."""
+    design, errors = _compute_design(field, rates.mean, len(names) > len(_VELOCITY)), _compute_error_covariance(field)
     model, is_free = np.zeros((2, len(field))), dispersion is None
     for _ in range(4):  # what an unsure distance adds depends on the velocity
         across = model / np.where(rates.mean > 0, rates.mean, 1.0)
         error_covariance = errors + rates.variance * np.stack([across[0] ** 2, across[1] ** 2, across[0] * across[1]])
         if is_free:
             _check_separable(
-                _normal_equations(design, field.motion, _weights(error_covariance, 0.0, rates)[0])[0], names
+                _normal_equations(design, field.motion, _invert_covariances(error_covariance, 0.0, rates)[0])[0], names
             )
-            dispersion = _dispersion(design, field.motion, error_covariance, rates)
-        weights, _ = _weights(error_covariance, dispersion, rates)
+            dispersion = _fit_dispersion(design, field.motion, error_covariance, rates)
+        weights, _ = _invert_covariances(error_covariance, dispersion, rates)
         normal, rhs = _normal_equations(design, field.motion, weights)
         _check_separable(normal, names)
         values = np.linalg.solve(normal, rhs)
@@ -271,8 +271,8 @@ def _solve(field, rates, names, dispersion):
     return values, dispersion, (design, weights, normal)
 
 
-def _design(field, rate, gradient):
-    """Motions by one of each parameter, (p, 2, n)."""
+def _compute_design(field, rate, gradient):
+    """Compute the motions by one of each parameter, (p, 2, n)."""
     p, q, r = triad(field.lon, field.lat)
     columns = [np.stack([-rate * p[i], -rate * q[i]]) for i in range(3)]
     if gradient:
@@ -281,13 +281,13 @@ def _design(field, rate, gradient):
     return np.array(columns)
 
 
-def _covariance_components(field):
+def _compute_error_covariance(field):
     s1, s2 = field.sigma
     return np.stack([s1**2, s2**2, field.rho * s1 * s2])
 
 
-def _weights(error_covariance, dispersion, rates):
-    """Inverse covariances of each source, (3, n), and their log determinant."""
+def _invert_covariances(error_covariance, dispersion, rates):
+    """Invert the covariance of each source, (3, n), and sum the log determinants of the covariances."""
     variance = dispersion**2 * (rates.mean**2 + rates.variance)
     a, b, c = error_covariance[0] + variance, error_covariance[1] + variance, error_covariance[2]
     determinant = a * b - c * c
@@ -299,22 +299,22 @@ def _normal_equations(design, motion, weights):
     return product @ design.reshape(len(design), -1).T, product @ motion.ravel()
 
 
-def _dispersion(design, motion, error_covariance, rates):
-    """The dispersion of greatest restricted likelihood. [km/s]"""
+def _fit_dispersion(design, motion, error_covariance, rates):
+    """Fit the dispersion of greatest restricted likelihood. [km/s]"""
     from scipy.optimize import minimize_scalar  # slow to import
 
-    def minus_two_log(dispersion):
-        weights, logdet = _weights(error_covariance, dispersion, rates)
+    def deviance(dispersion):
+        weights, logdet = _invert_covariances(error_covariance, dispersion, rates)
         normal, rhs = _normal_equations(design, motion, weights)
         chi2 = np.sum(motion * multiply_weights(weights, motion)) - rhs @ np.linalg.solve(normal, rhs)
         return logdet + chi2 + np.linalg.slogdet(normal)[1]
 
     # Its logarithm first, so that a large range costs little; then whether none at all is likelier.
-    grid = np.geomspace(0.1, _WIDEST, 25)
-    best = int(np.argmin([minus_two_log(trial) for trial in grid]))
+    grid = np.geomspace(0.1, _LARGEST_DISPERSION, 25)
+    best = int(np.argmin([deviance(trial) for trial in grid]))
     lower, upper = grid[max(best - 1, 0)], grid[min(best + 1, 24)]
-    optimum = minimize_scalar(minus_two_log, bounds=(lower, upper), method="bounded", options={"xatol": 1e-3 * lower})
-    return 0.0 if minus_two_log(0.0) <= optimum.fun else float(optimum.x)
+    optimum = minimize_scalar(deviance, bounds=(lower, upper), method="bounded", options={"xatol": 1e-3 * lower})
+    return 0.0 if deviance(0.0) <= optimum.fun else float(optimum.x)
 
 
 def _check_separable(normal, names):
@@ -323,8 +323,8 @@ def _check_separable(normal, names):
         raise DegeneracyError(f"these sources cannot separate {', '.join(names)}: too few, or too close together")
 
 
-def _sandwich(design, motion, values, weights, normal):
-    """Covariance from the residuals of each source (HC3), χ², and degrees of freedom of the covariance."""
+def _compute_sandwich(design, motion, values, weights, normal):
+    """Compute the covariance from the residuals of each source (HC3), χ², and degrees of freedom of the covariance."""
     residual = motion - np.tensordot(values, design, 1)
     product = multiply_weights(weights, design)
     inverse = np.linalg.inv(normal)

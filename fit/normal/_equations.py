@@ -135,22 +135,22 @@ class NormalEquations(Additive, Frozen):
                 f'take one field .to_frame("{self.frame}") first'
             )
         if self.templates and other.templates:
-            _check_alike(self.templates, other.templates)
+            _check_same_templates(self.templates, other.templates)
         elif other.n_data and self.n_data and (self.templates or other.templates):
             raise ModesError("cannot add normal equations with templates and without")
         return replace(
             self._with_sums(other, sign, ("matrix", "rhs", "chi2_null", "n_data")),
             frame=self.frame or other.frame,
-            prior=self._prior_with(other, sign),
+            prior=self._combine_priors(other, sign),
             unit=other.unit if self.unit is None else self.unit,
             templates=self.templates or other.templates,
         )
 
-    def _prior_with(self, other, sign):
+    def _combine_priors(self, other, sign):
         if other.prior is None:
             return self.prior
-        nothing = replace(other.prior, matrix=0 * other.prior.matrix, rhs=0 * other.prior.rhs, chi2_null=0.0, notes=())
-        return (self.prior or nothing)._combine(other.prior, sign)
+        no_prior = replace(other.prior, matrix=0 * other.prior.matrix, rhs=0 * other.prior.rhs, chi2_null=0.0, notes=())
+        return (self.prior or no_prior)._combine(other.prior, sign)
 
 
 def eliminate(
@@ -228,8 +228,8 @@ def gaussian_prior(
     return replace(equations, prior=equations)
 
 
-def _check_alike(reference, two):
-    """Raise ModesError where templates differ."""
-    names = [[field.name for field in fields] for fields in (reference, two)]
-    if names[0] != names[1] or not all(np.array_equal(a.values, b.values) for a, b in zip(reference, two, strict=True)):
+def _check_same_templates(own, other):
+    """Raise ModesError where two sets of templates differ."""
+    names = [[field.name for field in fields] for fields in (own, other)]
+    if names[0] != names[1] or not all(np.array_equal(a.values, b.values) for a, b in zip(own, other, strict=True)):
         raise ModesError("cannot add normal equations of different templates: give all of them the same maps")

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from fit.normal._equations import Additive, NormalEquations
-from fit.normal.sums import fourier_sums, rings_of
+from fit.normal.sums import fourier_sums, make_rings
 from fit.results.storage import Result, checked_count, checked_strings, number, to_hex
 from vsh.field import Field
 from vsh.io.parts import Parts
@@ -22,9 +22,9 @@ from vsh.tools.errors import EmptyFieldError, FrameError, ModesError, TableError
 from vsh.tools.types import Axes, ComplexArray, FloatArray
 
 
-def shapes(kind: type[Modes], lmax: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """The shapes of moments of weights and of values."""
-    weights, values = (1, 1) if kind is ScalarModes else (3, 2)
+def find_shapes(mode_class: type[Modes], lmax: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Find the shapes of the moments of weights and of values."""
+    weights, values = (1, 1) if mode_class is ScalarModes else (3, 2)
     return (weights, 2 * lmax + 1, 4 * lmax + 1), (values, lmax + 1, 2 * lmax + 1)
 
 
@@ -80,7 +80,7 @@ class Moments(Additive, Result):
     def __post_init__(self) -> None:
         """Check what a file or a caller may have mixed up."""
         lmax = self.kind(self.lmax).lmax
-        for name, shape in zip(("weights", "motions"), shapes(self.kind, lmax), strict=True):
+        for name, shape in zip(("weights", "motions"), find_shapes(self.kind, lmax), strict=True):
             if (coefficients := np.asarray(getattr(self, name), complex)).shape != shape:
                 raise ModesError(
                     f"the moments of {name} of degree {lmax} have the shape {shape}, not {coefficients.shape}"
@@ -174,7 +174,7 @@ class Moments(Additive, Result):
             If the degree is above theirs.
         """
         modes = as_modes(self.lmax if modes is None else modes, self.kind)
-        moments, rings = self.to_degree(modes.lmax), rings_of(modes)
+        moments, rings = self.to_degree(modes.lmax), make_rings(modes)
         return NormalEquations(
             modes,
             rings.matrix(moments.weights),
@@ -197,7 +197,7 @@ class Moments(Additive, Result):
             Half the trace of the inverse covariances, at longitudes from 0 on; it can be negative in places.
             [(yr/µas)²/sr]
         """
-        rings, components = rings_of(self.kind(self.lmax)), self.kind.components
+        rings, components = make_rings(self.kind(self.lmax)), self.kind.components
         weight = rings.on_grid(self.weights)[:components].mean(0)
         return rings.lat, weight / (np.cos(rings.lat) * 2 * np.pi**2 / weight.size)[:, None]
 
@@ -217,26 +217,26 @@ class Moments(Additive, Result):
         from vsh.figures.plot import plot_map
 
         lat, weight = self.on_sky()
-        lon_of, lat_of = centres(32)
-        ring = np.abs(lat_of[:, None] - lat).argmin(1)
-        column = np.round(lon_of / (2 * np.pi) * weight.shape[1]).astype(int) % weight.shape[1]
-        values = weight[ring, column]
+        pixel_lon, pixel_lat = centres(32)
+        ring_index = np.abs(pixel_lat[:, None] - lat).argmin(1)
+        lon_index = np.round(pixel_lon / (2 * np.pi) * weight.shape[1]).astype(int) % weight.shape[1]
+        values = weight[ring_index, lon_index]
         label = f"weight of the sources  [1/({self.unit})² a steradian]"
         about = {"title": f"{self.n_sources} sources, to degree {self.lmax}", "extend": "max"}
         return plot_map(values, label, frame=self.frame, ax=ax, vmin=0, vmax=np.percentile(values, 99), **about)
 
     def _pack(self):
         components, m, n, values = [], [], [], []
-        for names, grids, half in (("abc", self.weights, 2 * self.lmax), ("en", self.motions, self.lmax)):
+        for names, grids, half_width in (("abc", self.weights, 2 * self.lmax), ("en", self.motions, self.lmax)):
             for name, grid in zip(names, grids, strict=False):  # a and e alone of a scalar field
-                indices = np.indices(grid.shape)
+                orders = np.indices(grid.shape)
                 components += [name] * grid.size
-                m.append(indices[0].ravel())
-                n.append(indices[1].ravel() - half)
+                m.append(orders[0].ravel())
+                n.append(orders[1].ravel() - half_width)
                 values.append(grid.ravel())
-        numbers = np.concatenate(values)
+        moments = np.concatenate(values)
         columns = {"of": components, "m": np.concatenate(m), "n": np.concatenate(n)}
-        columns |= {"real": numbers.real, "imaginary": numbers.imag}
+        columns |= {"real": moments.real, "imaginary": moments.imag}
         header = {"lmax": self.lmax, "chi2_null": to_hex(self.chi2_null), "n_data": self.n_data}
         header |= {"frame": self.frame, "unit": self.unit, "notes": list(map(str, self.notes))}
         return columns, header, {}
@@ -245,15 +245,15 @@ class Moments(Additive, Result):
     def _unpack(cls, columns, header):
         mode_class = Modes if "b" in columns["of"] else ScalarModes
         lmax = mode_class(header["lmax"]).lmax
-        values = np.asarray(columns["real"], float) + 1j * np.asarray(columns["imaginary"], float)
-        if not np.isfinite(values).all():
+        moments = np.asarray(columns["real"], float) + 1j * np.asarray(columns["imaginary"], float)
+        if not np.isfinite(moments).all():
             raise TableError("moments that are not finite")
-        of_weights, of_values = shapes(mode_class, lmax)
-        n_weights = int(np.prod(of_weights))
+        weights_shape, motions_shape = find_shapes(mode_class, lmax)
+        n_weights = int(np.prod(weights_shape))
         return cls(
             lmax=lmax,
-            weights=values[:n_weights].reshape(of_weights),
-            motions=values[n_weights:].reshape(of_values),
+            weights=moments[:n_weights].reshape(weights_shape),
+            motions=moments[n_weights:].reshape(motions_shape),
             chi2_null=number(header["chi2_null"]),
             n_data=checked_count(header["n_data"]),
             frame=header["frame"],

@@ -23,7 +23,7 @@ from vsh.tools.notes import drop_empty_notes
 from vsh.tools.printing import log_calls
 from vsh.tools.types import FloatArray
 
-_LOST = "warning: values are a million times their errors, so χ² is lost to rounding: take a model away first"
+_ROUNDING_NOTE = "warning: values are a million times their errors, so χ² is lost to rounding: take a model away first"
 #: The degree unless another is named.
 _DEGREE = 3
 #: Beyond this condition number of the scaled matrix, fewer than six digits are left.
@@ -83,7 +83,7 @@ def solve(
         return floor.allowed_for(partial(solve, prior=prior, max_condition=max_condition), normal)
     if prior is not None:
         normal = normal + prior
-    factor, scale = _factor(normal, max_condition)
+    factor, scale = _factorise(normal, max_condition)
     covariance = cho_solve(factor, np.diag(scale)) * scale[:, None]
     values = scale * cho_solve(factor, scale * normal.rhs)
     chi2, notes = float(normal.chi2_null - values @ normal.rhs), drop_empty_notes(normal.notes)
@@ -96,8 +96,8 @@ def solve(
         chi2 -= float(total_prior.chi2_null - 2 * values @ total_prior.rhs + values @ total_prior.matrix @ values)
     if chi2 < 1e-11 * normal.chi2_null and normal.n_data > len(normal.modes):
         # The difference of two numbers that are equal to eleven digits.
-        chi2, notes = max(chi2, 0.0), (*notes, _LOST)
-    about: dict[str, Any] = {
+        chi2, notes = max(chi2, 0.0), (*notes, _ROUNDING_NOTE)
+    common: dict[str, Any] = {
         "covariance": (covariance + covariance.T) / 2,
         "chi2": chi2,
         "n_data": normal.n_data,
@@ -106,8 +106,8 @@ def solve(
         "by_prior": by_prior,
     }
     if isinstance(normal.modes, ScalarModes):
-        return ScalarSolution(coefficients=ScalarCoefficients(normal.modes, values), **about, unit=normal.unit or "")
-    return Solution(coefficients=Coefficients(normal.modes, values), **about, unit=normal.unit or "µas/yr")
+        return ScalarSolution(coefficients=ScalarCoefficients(normal.modes, values), **common, unit=normal.unit or "")
+    return Solution(coefficients=Coefficients(normal.modes, values), **common, unit=normal.unit or "µas/yr")
 
 
 @arguments.accepts()
@@ -160,11 +160,11 @@ def fit_field(
     if isinstance(field, Field | ScalarField):
         target = modes_for(field, target)
         if target.components * len(field) < len(target):
-            raise DegeneracyError(_degeneracy_message(len(field), target))
+            raise DegeneracyError(_format_degeneracy(len(field), target))
     return add_coverage_notes(solve(normal_equations(field, target, covariance=covariance)), field)
 
 
-def _degeneracy_message(sources, modes, reason=""):
+def _format_degeneracy(sources, modes, reason=""):
     lower = f"lower lmax from {modes.lmax} (--lmax), or " if modes.lmax > 1 else ""
     return (
         f"{sources} sources cannot separate {len(modes)} modes{reason}: {lower}add sources, in other parts of the sky "
@@ -172,7 +172,7 @@ def _degeneracy_message(sources, modes, reason=""):
     )
 
 
-def _factor(normal, max_condition):
+def _factorise(normal, max_condition):
     """The Cholesky factor of N scaled to a unit diagonal, and the scale."""
     diagonal, reciprocal, weakest = np.diag(normal.matrix), 0.0, ""
     if (normal.n_data or normal.prior is not None) and (diagonal > 0).all():
@@ -186,7 +186,7 @@ def _factor(normal, max_condition):
         weakest = _describe_weakest_modes(matrix, normal.modes)
     condition = 1 / reciprocal if reciprocal else np.inf
     reason = f" (condition {condition:.1e} > {max_condition:.0e}{weakest})"
-    raise DegeneracyError(_degeneracy_message(normal.n_sources, normal.modes, reason))
+    raise DegeneracyError(_format_degeneracy(normal.n_sources, normal.modes, reason))
 
 
 def _describe_weakest_modes(matrix, modes, count=4):

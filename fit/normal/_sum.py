@@ -101,7 +101,7 @@ def normal_equations(
             f"{len(modes) ** 2 * 8 / 2**30:.0f} GiB: lower lmax"
         )
     if covariance is not None:
-        return _whitened_equations(sources, modes, as_covariance(covariance, sources))
+        return _sum_whitened(sources, modes, as_covariance(covariance, sources))
     if isinstance(sources, Parts):
         if modes.lmax == 1 or method == "design-matrix":
             return sources.sum(
@@ -117,7 +117,7 @@ def normal_equations(
     )
 
 
-def _whitened_equations(field, modes, covariance):
+def _sum_whitened(field, modes, covariance):
     """The equations of n sources, whitened by their dense covariance: 2n independent rows of unit weight."""
     n = len(field)
     rows = covariance.whiten(harmonics(field.lon, field.lat, modes).reshape(len(modes), 2 * n))
@@ -125,10 +125,10 @@ def _whitened_equations(field, modes, covariance):
     return NormalEquations(modes, rows @ rows.T, rows @ motion, float(motion @ motion), 2 * n, field.frame, field.notes)
 
 
-def _sum_stream(fields, work):
+def _sum_stream(fields, sum_field):
     if isinstance(fields, np.ndarray) or not hasattr(fields, "__iter__"):
         raise FieldError(f"a Field, a ScalarField, or a stream of them, is expected, not {type(fields).__name__}")
-    total: Any = sum(map(work, fields))
+    total: Any = sum(map(sum_field, fields))
     if isinstance(total, int):
         raise FieldError("the stream of fields is empty: there are no sources to use")
     return total

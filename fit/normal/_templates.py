@@ -31,9 +31,9 @@ from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, FloatArray
 
 #: Two templates whose directions agree as closely as this are one.
-_ALIKE = 0.999
+_SAME_DIRECTION = 0.999
 #: A map that varies by less of its largest value is constant.
-_CONSTANT = 1e-9
+_CONSTANT_SCATTER = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,7 +114,7 @@ class Template(Frozen):
         frame : str
             Axes of the positions.
         """
-        lon, lat, numbers = _finite_values(lon, lat, values)
+        lon, lat, numbers = _select_finite(lon, lat, values)
         return cls(name, ScalarField(lon, lat, numbers, np.ones(len(numbers)), frame=frame), frame)
 
     @classmethod
@@ -143,7 +143,7 @@ class Template(Frozen):
 
         sums = np.zeros((5, 12 * nside**2))
         for chunk in parts:
-            lon, lat, numbers = _finite_values(*chunk)
+            lon, lat, numbers = _select_finite(*chunk)
             if not len(numbers):
                 continue
             pixel = pixels_of(lon, lat, nside)
@@ -198,31 +198,31 @@ class Template(Frozen):
         if modes.components == 1:
             if isinstance(self.source, Coefficients):
                 raise ParameterError(f"the template {self.name} is of motions, which numbers do not follow")
-            vectors = {self.name: np.r_[0.0, self._scalar_coefficients(modes.lmax, frame)]}
+            coefficients = {self.name: np.r_[0.0, self._fit_scalar_coefficients(modes.lmax, frame)]}
         elif isinstance(self.source, Coefficients):
             if self.frame != frame:
                 raise FrameError(f"the template {self.name} is of {self.frame} axes, the fit of {frame} ones")
-            least = Modes(min(modes.lmax, self.source.modes.lmax))
-            vectors = {self.name: _pad_coefficients(self.source.to_degree(least.lmax), modes)}
+            common_modes = Modes(min(modes.lmax, self.source.modes.lmax))
+            coefficients = {self.name: _pad_coefficients(self.source.to_degree(common_modes.lmax), modes)}
         else:
-            scalar = self._scalar_coefficients(modes.lmax, frame)
+            scalar = self._fit_scalar_coefficients(modes.lmax, frame)
             degrees = ScalarModes(modes.lmax).degrees[1:]
             scalar = scalar * np.sqrt(degrees * (degrees + 1.0))  # its gradient, in spheroidal modes
             zeros = np.zeros_like(scalar)
-            vectors = {f"{self.name}, along": np.r_[zeros, scalar], f"{self.name}, across": np.r_[scalar, zeros]}
+            coefficients = {f"{self.name}, along": np.r_[zeros, scalar], f"{self.name}, across": np.r_[scalar, zeros]}
         fields = []
-        for name, values in vectors.items():
-            size = np.sqrt(values**2 @ modes.norm2 / (4 * np.pi))
-            if not size > 0:
+        for name, values in coefficients.items():
+            rms = np.sqrt(values**2 @ modes.norm2 / (4 * np.pi))
+            if not rms > 0:
                 raise ParameterError(f"the template {self.name} is constant: it moves nothing")
-            if modes.lmax > 1 and np.all(np.abs(values[modes.degrees > 1]) < _CONSTANT * np.abs(values).max()):
+            if modes.lmax > 1 and np.all(np.abs(values[modes.degrees > 1]) < _CONSTANT_SCATTER * np.abs(values).max()):
                 raise ParameterError(f"the template {self.name} has degree 1 alone, which is what is fitted")
-            fields.append(TemplateField(name, values / size))
+            fields.append(TemplateField(name, values / rms))
         return fields
 
-    def _scalar_coefficients(self, lmax, frame):
-        """Coefficients of the map from degree 1 on."""
-        field, scale = self._standardised_field()
+    def _fit_scalar_coefficients(self, lmax, frame):
+        """Fit the coefficients of the map, and give those from degree 1 on."""
+        field, scale = self._standardise_field()
         if scale == 0:
             raise ParameterError(f"the template {self.name} is constant: it moves nothing")
         normal = Moments.of(field.to_frame(frame), lmax).normal_equations()
@@ -233,8 +233,8 @@ class Template(Frozen):
             )
         return np.linalg.solve(normal.matrix, normal.rhs)[1:]
 
-    def _standardised_field(self):
-        """Its numbers at places, about their mean and in units of their scatter, and that scatter."""
+    def _standardise_field(self):
+        """Standardise its numbers at places: about their mean, in units of their scatter; and that scatter."""
         field = self.source
         if not isinstance(field, ScalarField):
             from vsh.sky.pixels import centres, count_missing_pixels
@@ -250,13 +250,13 @@ class Template(Frozen):
         weights = field.sigma**-2
         mean = np.average(field.values, weights=weights)
         scatter = float(np.sqrt(np.average((field.values - mean) ** 2, weights=weights)))
-        if not scatter > _CONSTANT * np.abs(field.values).max(initial=0.0):
+        if not scatter > _CONSTANT_SCATTER * np.abs(field.values).max(initial=0.0):
             return field, 0.0
         return replace(field, values=(field.values - mean) / scatter), scatter
 
 
-def _finite_values(lon: ArrayLike, lat: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions and numbers of the sources whose number is finite and not masked."""
+def _select_finite(lon: ArrayLike, lat: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Select positions and numbers of the sources whose number is finite and not masked."""
     numbers = np.asarray(np.ma.filled(np.ma.asarray(values, float), np.nan))
     valid = np.isfinite(numbers)
     return (float_array("lon", lon, valid.shape)[valid], float_array("lat", lat, valid.shape)[valid], numbers[valid])
@@ -281,7 +281,7 @@ def template_fields(templates: Sequence[Template], modes: Modes, frame: str) -> 
     """
     fields = [field for template in templates for field in template.fields(modes, frame)]
     for i, candidate in enumerate(fields):
-        for two in fields[:i]:
-            if abs(candidate.values * modes.norm2 @ two.values) / (4 * np.pi) > _ALIKE:
-                raise ParameterError(f"the templates {two.name} and {candidate.name} are the same: leave one out")
+        for earlier in fields[:i]:
+            if abs(candidate.values * modes.norm2 @ earlier.values) / (4 * np.pi) > _SAME_DIRECTION:
+                raise ParameterError(f"the templates {earlier.name} and {candidate.name} are the same: leave one out")
     return tuple(fields)

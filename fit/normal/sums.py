@@ -45,12 +45,12 @@ def design_matrix_sums(field: Any, modes: Modes) -> tuple[FloatArray, FloatArray
     p = len(modes)
     # Enough sources to keep NumPy busy, and a whitened basis of a few MiB, which stays in the cache.
     size = max(256, min(_SMALL, 2**19 // p))
-    blocks = map_blocks(lambda part: _block_sums(field[part], modes), len(field), size, 1, "normal equations")
-    return reduce(add_sums, blocks, (np.zeros((p, p)), np.zeros(p), 0.0))
+    block_sums = map_blocks(lambda part: _sum_block(field[part], modes), len(field), size, 1, "normal equations")
+    return reduce(add_sums, block_sums, (np.zeros((p, p)), np.zeros(p), 0.0))
 
 
-def _block_sums(field, modes):
-    """N, b and Σ yᵀ C⁻¹ y of a few sources, from the basis in units of each source's error."""
+def _sum_block(field, modes):
+    """Sum N, b and Σ yᵀ C⁻¹ y of a few sources, from the basis in units of each source's error."""
     if isinstance(modes, ScalarModes):
         a, y = scalar_harmonics(field.lon, field.lat, modes.lmax) / field.sigma, field.values / field.sigma
         return a @ a.T, a @ y, float(y @ y)
@@ -85,34 +85,34 @@ def design_matrix_limit(modes: Modes) -> int:
 BLOCK, _SMALL = 2**16, 2**13
 
 
-def blocks(n: int) -> list[slice]:
-    """Slices of so many sources that what is computed of them stays in the cache."""
+def slice_blocks(n: int) -> list[slice]:
+    """Slice n sources into blocks of so many that what is computed of them stays in the cache."""
     return [slice(start, min(start + _SMALL, n)) for start in range(0, n, _SMALL)]
 
 
 def compressed_sums(field: Any, modes: Modes, threads: int | None = None) -> tuple[FloatArray, FloatArray, float]:
     """N, b and Σ yᵀ C⁻¹ y of a field: what `fit.normal_equations` adds up, at any degree."""
     weights, motions, chi2_null = fourier_sums(field, modes.lmax, threads)
-    rings = rings_of(modes)
+    rings = make_rings(modes)
     return rings.matrix(weights), rings.rhs(motions), chi2_null
 
 
-def rings_of(modes: Modes) -> Rings:
-    """The rings on which moments for these modes are put back."""
+def make_rings(modes: Modes) -> Rings:
+    """Make the rings on which moments for these modes are put back."""
     return (ScalarRings if isinstance(modes, ScalarModes) else Rings)(modes.lmax)
 
 
 def fourier_sums(field: Any, lmax: int, threads: int | None = None) -> tuple[ComplexArray, ComplexArray, float]:
     """All that a fit to degree L needs of the sources: sums over them, which add."""
     n = max(len(field), 1)  # no source is a block, too
-    blocks = map_blocks(lambda part: _moments(field[part], lmax), n, BLOCK, threads, "normal equations")
-    nothing: Any = 0, 0, 0.0
-    weights, motions, chi2_null = reduce(add_sums, blocks, nothing)
+    block_moments = map_blocks(lambda part: _compute_moments(field[part], lmax), n, BLOCK, threads, "normal equations")
+    zero: Any = 0, 0, 0.0
+    weights, motions, chi2_null = reduce(add_sums, block_moments, zero)
     return weights, motions, float(chi2_null)
 
 
-def _moments(field, lmax):
-    """Fourier moments of a, b, c for 0 ≤ M ≤ 2L, of the motions for 0 ≤ M ≤ L; and χ²."""
+def _compute_moments(field, lmax):
+    """Compute Fourier moments of a, b, c for 0 ≤ M ≤ 2L, of the motions for 0 ≤ M ≤ L; and χ²."""
     from vsh.transform import fourier_moments
 
     weights = field.weights
@@ -244,17 +244,17 @@ class ScalarRings(Rings):
 
 
 #: Work up to which the leverage of each source is computed exactly: sources times coefficients squared.
-EXACT = 2e9
+EXACT_LEVERAGE_WORK = 2e9
 #: Relative accuracy of moments that make errors.
-_ENOUGH = 1e-9
+_MOMENT_ACCURACY = 1e-9
 #: Mean leverage below which it need not be: variances change by 1.5 times as much at most, errors by three quarters.
-_NEGLIGIBLE = 1e-3
+_NEGLIGIBLE_LEVERAGE = 1e-3
 
 
 def _has_exact_leverages(n_sources, modes):
     """Return whether leverages are computed source by source."""
     p = len(modes)
-    return n_sources * p * p <= EXACT and p > _NEGLIGIBLE * modes.components * n_sources
+    return n_sources * p * p <= EXACT_LEVERAGE_WORK and p > _NEGLIGIBLE_LEVERAGE * modes.components * n_sources
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,8 +335,8 @@ def _approximate_leverage(trace, p, components, total_trace):
     return np.minimum(p * trace / total_trace / components, 0.9)
 
 
-def outer_products(field: Field, residual: FloatArray, factors: FloatArray) -> FloatArray:
-    """factors² C⁻¹ΔΔᵀC⁻¹ of each source as (3, n), or (1, n) of scalars: the scatter of the scores ψ = factors C⁻¹Δ."""
+def compute_outer_products(field: Field, residual: FloatArray, factors: FloatArray) -> FloatArray:
+    """Compute factors² C⁻¹ΔΔᵀC⁻¹ of each source, (3, n), or (1, n) of scalars: the scatter of ψ = factors C⁻¹Δ."""
     score = multiply_weights(field.weights, residual)
     if len(score) == 1:
         return score**2 * factors**2
@@ -362,21 +362,21 @@ def sandwich(
     information (Zhang 2012, J. Agric. Biol. Environ. Stat. 17, 652): (k² + k) h_i² for a leverage h_i in k components.
     """
     if total is not None and not _has_exact_leverages(total[0], modes):
-        work = partial(_slopes_and_products, scores=scores, modes=modes, total=total, power=power)
-        middle = sky.sum(work, roles=(), words=words)
+        summand = partial(_sum_slopes_and_products, scores=scores, modes=modes, total=total, power=power)
+        middle = sky.sum(summand, roles=(), words=words)
         slope, n_sources = np.linalg.inv(middle["slope"]), total[0]
     else:
         # The fitted matrix is for exact leverages, which large problems do without.
-        exact = sky.in_memory is None or _has_exact_leverages(len(sky.in_memory), modes)
-        slopes = sky.sum(partial(_slope_sums, scores=scores, modes=modes, exact=exact), roles=(), words=words)
+        has_exact = sky.in_memory is None or _has_exact_leverages(len(sky.in_memory), modes)
+        slopes = sky.sum(partial(_sum_slopes, scores=scores, modes=modes, has_exact=has_exact), roles=(), words=words)
         slope, n_sources = np.linalg.inv(slopes["slope"]), slopes["sources"]
-        fitted = np.linalg.inv(slopes["fitted"]) if exact else slope
+        fitted = np.linalg.inv(slopes["fitted"]) if has_exact else slope
         total = (n_sources, slopes["trace"])
-        work = partial(_score_products, scores=scores, modes=modes, inverse=fitted, total=total, power=power)
-        middle = sky.sum(work, roles=(), words=words)
+        summand = partial(_sum_score_products, scores=scores, modes=modes, inverse=fitted, total=total, power=power)
+        middle = sky.sum(summand, roles=(), words=words)
     covariance = slope @ middle["matrix"] @ slope
-    left = modes.components * n_sources - len(modes)  # by which residuals can differ
-    return (covariance + covariance.T) / 2, min(score_dof(middle["squares"], modes), float(left))
+    residual_dof = modes.components * n_sources - len(modes)  # by which residuals can differ
+    return (covariance + covariance.T) / 2, min(score_dof(middle["squares"], modes), float(residual_dof))
 
 
 def score_dof(squares: float, modes: Modes) -> float:
@@ -385,26 +385,26 @@ def score_dof(squares: float, modes: Modes) -> float:
     return p * (p + 1) / ((k**2 + k) * squares)
 
 
-def _slope_sums(field, scores, modes, exact):
-    """Sums over some sources: the matrices with weights u and with their slopes, Σ u tr W, and how many they are."""
+def _sum_slopes(field, scores, modes, has_exact):
+    """Sum over some sources: the matrices with weights u and with their slopes, Σ u tr W, and how many they are."""
     _, u, slopes = scores(field)
     return {
-        "fitted": weighted_matrix(field, field.weights * u, modes) if exact else 0.0,
+        "fitted": weighted_matrix(field, field.weights * u, modes) if has_exact else 0.0,
         "slope": weighted_matrix(field, field.weights * slopes, modes),
         "trace": float(np.sum(field.information * u)),
         "sources": len(field),
     }
 
 
-def _score_products(field, scores, modes, inverse, total, power):
-    """Σ AᵀψψᵀA of some sources, and Σ h²."""
+def _sum_score_products(field, scores, modes, inverse, total, power):
+    """Sum AᵀψψᵀA and h² over some sources."""
     residual, u, _ = scores(field)
     leverages = leverage(field, modes, inverse, u, total=total)
-    products = outer_products(field, residual, u / (1 - leverages) ** power)
+    products = compute_outer_products(field, residual, u / (1 - leverages) ** power)
     return {"matrix": weighted_matrix(field, products, modes), "squares": float(leverages @ leverages)}
 
 
-def _slopes_and_products(field, scores, modes, total, power):
+def _sum_slopes_and_products(field, scores, modes, total, power):
     """Σ Aᵀ u'W A and Σ AᵀψψᵀA of some of many sources, and Σ h²: from moments of both, summed together."""
     from vsh.transform import fourier_moments
 
@@ -413,16 +413,16 @@ def _slopes_and_products(field, scores, modes, total, power):
     def block(part):
         chunk, squares, half = field[part], 0.0, 1 if field.components == 1 else 3
         planes = np.empty((2 * half, len(chunk)))
-        for small in blocks(len(chunk)):
+        for small in slice_blocks(len(chunk)):
             subset, rows = chunk[small], slice(part.start + small.start, part.start + small.stop)
             leverages = _approximate_leverage(subset.information * u[rows], len(modes), subset.components, total[1])
             planes[:half, small] = subset.weights * slopes[rows]
-            planes[half:, small] = outer_products(subset, residual[:, rows], u[rows] / (1 - leverages) ** power)
+            planes[half:, small] = compute_outer_products(subset, residual[:, rows], u[rows] / (1 - leverages) ** power)
             squares += float(leverages @ leverages)
-        moments = fourier_moments(chunk.lon, chunk.lat, planes, 2 * modes.lmax, _ENOUGH)
+        moments = fourier_moments(chunk.lon, chunk.lat, planes, 2 * modes.lmax, _MOMENT_ACCURACY)
         return {"moments": moments[:, 2 * modes.lmax :], "squares": squares}
 
     sums = reduce(add_sums, map_blocks(block, len(field), BLOCK))
-    rings = rings_of(modes)
+    rings = make_rings(modes)
     slope, matrix = (rings.matrix(moments) for moments in np.split(sums.pop("moments"), 2))
     return sums | {"slope": slope, "matrix": matrix}

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ncfdtr
 
-from fit.pairs._sums import checked_edges, covariance_of, sums_of, windows
+from fit.pairs._sums import check_edges, find_covariance, make_windows, sum_pairs
 from fit.results.quality import SEEN
 from fit.results.storage import Result
 from vsh.field import Field
@@ -29,8 +29,8 @@ TEMPLATES = {
 }
 
 
-def _limit_words(name: str, amplitude: float) -> str:
-    """A limit in words: a vector by its length, whose power is 8π/3 of its square."""
+def _format_limit(name: str, amplitude: float) -> str:
+    """Format a limit in words: a vector by its length, whose power is 8π/3 of its square."""
     if name in ("spin", "glide"):
         return f"{name} below {np.sqrt(3 * max(amplitude, 0.0) / (8 * np.pi)):.3g} µas/yr"
     return f"{'h70² Ω of waves' if name == 'waves' else name} below {amplitude:.3g}"
@@ -104,7 +104,7 @@ class TemplateFit(Result):
         tail = (1 - between("probability", probability, 0.0, 1.0)) / 2
         dof = max(self.n_effective - 1, 2.0)
         return np.array(
-            [_limits(*estimate, tail, dof) for estimate in zip(self.values, self.sigma, self.coefficients, strict=True)]
+            [_compute_limits(*row, tail, dof) for row in zip(self.values, self.sigma, self.coefficients, strict=True)]
         )
 
     @property
@@ -118,7 +118,7 @@ class TemplateFit(Result):
                 f"pairs show {', '.join(detections)}, of the sky or of systematic errors, which pairs do not separate: "
                 "a fit of harmonics does (vsh-fit --waves)"
             )
-        limits = [_limit_words(name, upper) for name, (_, upper) in zip(self.names, self.interval(0.9), strict=True)]
+        limits = [_format_limit(name, upper) for name, (_, upper) in zip(self.names, self.interval(0.9), strict=True)]
         return f"none of the templates is detected (p < 0.0027): {', '.join(limits)} (95 %)"
 
     def _sections(self, long):
@@ -140,8 +140,8 @@ class TemplateFit(Result):
         return plot_curves(self, ax=ax)
 
 
-def template_functions(templates: Any, hubble: float) -> dict[str, Callable[[FloatArray], FloatArray]]:
-    """Templates as functions of θ that give ξ+ and ξ−, (2, n), by name."""
+def make_template_functions(templates: Any, hubble: float) -> dict[str, Callable[[FloatArray], FloatArray]]:
+    """Make functions of θ of the templates, that give ξ+ and ξ−, (2, n), by name."""
     if isinstance(templates, Mapping) and templates:
         for name, function in templates.items():
             if not callable(function):
@@ -166,22 +166,22 @@ def template_functions(templates: Any, hubble: float) -> dict[str, Callable[[Flo
 
 def fit_templates(correlation: Any, templates: dict[str, Callable[[FloatArray], FloatArray]]) -> TemplateFit:
     """Amplitudes by least squares, with the weight of the pairs in each bin."""
-    bins, valid = windows(correlation.edges, correlation.lmax), np.isfinite(correlation.plus)
-    pairs = bins.values * (correlation.window @ bins.scalar)  # as the pairs spread within each bin
+    bins, has_pairs = make_windows(correlation.edges, correlation.lmax), np.isfinite(correlation.plus)
+    pair_weights = bins.values * (correlation.window @ bins.scalar)  # as the pairs spread within each bin
     curves = []
     for name, function in templates.items():
         curve = float_array(f"the template {name!r}", function(bins.theta), (2, len(bins.theta)))
-        curves.append(curve @ pairs.T / pairs.sum(1))
-    design = np.array(curves)[:, :, valid].reshape(len(curves), -1)
-    root = np.sqrt(np.tile(correlation.weight[valid], 2))
+        curves.append(curve @ pair_weights.T / pair_weights.sum(1))
+    design = np.array(curves)[:, :, has_pairs].reshape(len(curves), -1)
+    root = np.sqrt(np.tile(correlation.weight[has_pairs], 2))
     if design.shape[1] < len(curves) or np.linalg.matrix_rank(design * root) < len(curves):
         raise ParameterError(
-            f"{valid.sum()} bins cannot tell {len(curves)} templates apart: take more bins, at more angles"
+            f"{has_pairs.sum()} bins cannot tell {len(curves)} templates apart: take more bins, at more angles"
         )
     inverse = np.linalg.pinv((design * root).T) * root
-    values = inverse @ np.stack([correlation.plus, correlation.minus])[:, valid].ravel()
-    mask = np.tile(valid, 2)
-    covariance = inverse @ correlation.covariance[np.ix_(mask, mask)] @ inverse.T
+    values = inverse @ np.stack([correlation.plus, correlation.minus])[:, has_pairs].ravel()
+    is_used = np.tile(has_pairs, 2)
+    covariance = inverse @ correlation.covariance[np.ix_(is_used, is_used)] @ inverse.T
     if not np.isfinite(covariance).all():
         raise ParameterError("these sources give no errors of the correlation: they are too few, or too close together")
     return TemplateFit(
@@ -190,21 +190,21 @@ def fit_templates(correlation: Any, templates: dict[str, Callable[[FloatArray], 
         covariance=(covariance + covariance.T) / 2,
         curves=np.tensordot(values, np.array(curves), 1),
         theta=correlation.theta,
-        coefficients=np.array([_effective_count(function) for function in templates.values()]),
+        coefficients=np.array([_count_coefficients(function) for function in templates.values()]),
         n_effective=correlation.n_effective,
     )
 
 
-def _limits(value, sigma, k, tail, dof):
-    """Limits of one amplitude."""
+def _compute_limits(value, sigma, k, tail, dof):
+    """Compute the limits of one amplitude."""
     # Var = 2 k s⁴ + 4 s² P, P the value as it is.
     s2 = (np.sqrt(16 * value**2 + 8 * k * sigma**2) - 4 * value) / (4 * k)
     ratio = max(value / s2 + k, 0.0) / k  # P/s² + k over k
-    return tuple(s2 * _noncentrality(ratio, k, min(dof, 1e4), p) for p in (1 - tail, tail))
+    return tuple(s2 * _solve_noncentrality(ratio, k, min(dof, 1e4), p) for p in (1 - tail, tail))
 
 
-def _noncentrality(ratio, k, dof, p):
-    """The non-centrality for which an F of k and dof degrees of freedom is as small with probability p, or zero."""
+def _solve_noncentrality(ratio, k, dof, p):
+    """Solve for the non-centrality for which an F of k and dof degrees is as small with probability p, or give zero."""
     if ncfdtr(k, dof, 0.0, ratio) <= p:
         return 0.0
     # By halving: the function is nan where it is below 1e-28, which `>` takes for small and a root finder does not.
@@ -217,8 +217,8 @@ def _noncentrality(ratio, k, dof, p):
     return (lower + upper) / 2
 
 
-def _effective_count(function, lmax=40):
-    """(Σ P)²/Σ P²/(2l + 1) over degrees and kinds of a template: 3 for spin or glide, 13 for waves."""
+def _count_coefficients(function, lmax=40):
+    """Count the coefficients, (Σ P)²/Σ P²/(2l + 1), of a template over degrees and kinds: 3 for spin, 13 for waves."""
     node, weight = np.polynomial.legendre.leggauss(400)
     theta = np.arccos(node)
     plus, minus = function(theta) * weight
@@ -229,9 +229,9 @@ def _effective_count(function, lmax=40):
 
 
 #: The narrowest bin, in units of 1/lmax, that is resolved to 1e-3.
-_RESOLVED = 15.0
+_RESOLVED_STEP = 15.0
 #: So many times farther than bins ask for go the sums: what noise has beyond is the largest error.
-_BEYOND = 1.5
+_DEGREE_RATIO = 1.5
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -327,7 +327,7 @@ class Correlation(Result):
         ParameterError
             If a template is unknown, or bins are fewer than templates.
         """
-        return fit_templates(self, template_functions(templates, arguments.positive("hubble", hubble)))
+        return fit_templates(self, make_template_functions(templates, arguments.positive("hubble", hubble)))
 
     def _sections(self, long):
         pairs = "pairs of a source with itself are excluded"
@@ -364,7 +364,7 @@ class Correlation(Result):
 
 @arguments.accepts(
     field=arguments.a(Field, Parts),
-    edges=lambda _, value: checked_edges(value),
+    edges=lambda _, value: check_edges(value),
     nside=arguments.whole,
     lmax=arguments.whole,
 )
@@ -427,32 +427,32 @@ def correlation_function(
     edges = np.asarray(edges, float)
     step = float(np.diff(edges).min())
     lmax = int(np.ceil(25 / step)) if lmax is None else lmax
-    if lmax * step < _RESOLVED / 3:
+    if lmax * step < _RESOLVED_STEP / 3:
         raise ParameterError(
             f"sums to degree {lmax} do not resolve bins of {np.degrees(step):.2g}°: lmax of {25 / step:.0f} or more, or"
             " wider bins"
         )
-    sums_to = int(np.ceil(_BEYOND * lmax))
-    total, blocks, frame, notes = sums_of(field, sums_to, nside, weights, threads)
-    plus_by, minus_by, scalar_by = windows(edges, sums_to).by_degree
-    by_plus, by_minus, by_weight, by_count = total.spectra
-    weight, count = scalar_by @ by_weight, scalar_by @ by_count / 2
+    sum_degree = int(np.ceil(_DEGREE_RATIO * lmax))
+    total, blocks, frame, notes = sum_pairs(field, sum_degree, nside, weights, threads)
+    plus_bins, minus_bins, scalar_bins = make_windows(edges, sum_degree).by_degree
+    plus_power, minus_power, weight_power, count_power = total.spectra
+    weight, count = scalar_bins @ weight_power, scalar_bins @ count_power / 2
     with np.errstate(divide="ignore", invalid="ignore"):
-        plus_by, minus_by, scalar_by = (each / weight[:, None] for each in (plus_by, minus_by, scalar_by))
-    plus, minus = plus_by @ by_plus, minus_by @ by_minus
-    zero, expectation = np.zeros_like(plus_by), np.concatenate([plus, minus])[:, None] * np.tile(scalar_by, (2, 1))
-    covariance = covariance_of(blocks, np.vstack([plus_by, zero]), np.vstack([zero, minus_by]), -expectation)
-    if lmax * step < _RESOLVED:
+        plus_bins, minus_bins, scalar_bins = (bins / weight[:, None] for bins in (plus_bins, minus_bins, scalar_bins))
+    plus, minus = plus_bins @ plus_power, minus_bins @ minus_power
+    zero, expectation = np.zeros_like(plus_bins), np.concatenate([plus, minus])[:, None] * np.tile(scalar_bins, (2, 1))
+    covariance = find_covariance(blocks, np.vstack([plus_bins, zero]), np.vstack([zero, minus_bins]), -expectation)
+    if lmax * step < _RESOLVED_STEP:
         notes = (
             *notes,
             f"sums to degree {lmax} blur bins of {np.degrees(step):.2g}°: lmax {25 / step:.0f} would resolve them",
         )
     if len(blocks) < 4:
         notes = (*notes, f"{len(blocks)} blocks of the sky tell no errors: take a larger nside")
-    if (empty := count < 0.5).any():
-        notes = (*notes, f"{empty.sum()} bins have no pairs: no values")
-        plus, minus = (np.where(empty, np.nan, each) for each in (plus, minus))
-    each = np.array([block.weights[0] for block in blocks])  # Σ w Y_00
+    if (is_empty := count < 0.5).any():
+        notes = (*notes, f"{is_empty.sum()} bins have no pairs: no values")
+        plus, minus = (np.where(is_empty, np.nan, xi) for xi in (plus, minus))
+    block_weights = np.array([block.weights[0] for block in blocks])  # Σ w Y_00
     return Correlation(
         theta=edges[1:-1],
         plus=plus,
@@ -461,10 +461,10 @@ def correlation_function(
         n_pairs=count,
         covariance=covariance,
         edges=edges,
-        window=by_weight,
+        window=weight_power,
         n_blocks=len(blocks),
         frame=frame,
-        n_data=2 * round(float(total.alone[2])),
+        n_data=2 * round(float(total.self_pairs[2])),
         notes=notes,
-        n_effective=float(each.sum() ** 2 / np.sum(each**2)),
+        n_effective=float(block_weights.sum() ** 2 / np.sum(block_weights**2)),
     )

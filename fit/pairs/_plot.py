@@ -14,15 +14,15 @@ _ANGLE, _VALUE = "angle between the sources  [°]", "correlation  [(µas/yr)²]"
 @apply_style
 def plot_pairs(correlation: Any, fit: Any = None, *, ax: OnAxes | None = None) -> AxesArray:
     """ξ± with errors and the fitted templates above, the pairs in each bin below."""
-    axes, below = panel_axes = panels(ax, 2, 1, size=(WIDTH, 3.6), sharex=True, height_ratios=(3, 1))
+    axes, pair_axes = panel_axes = panels(ax, 2, 1, size=(WIDTH, 3.6), sharex=True, height_ratios=(3, 1))
     degrees = np.degrees(correlation.theta)
     step = 0.12 * np.min(np.diff(degrees)) if len(degrees) > 1 else 0.0
-    for values, sigma, side, marker, colour, label in (
+    for values, sigma, shift, marker, colour, label in (
         (correlation.plus, correlation.sigma_plus, -step, "o", _PLUS, "ξ₊"),
         (correlation.minus, correlation.sigma_minus, step, "s", _MINUS, "ξ₋"),
     ):
         error = sigma if np.isfinite(sigma).any() else None
-        axes.errorbar(degrees + side, values, error, fmt=marker, markersize=3, color=colour, label=label)
+        axes.errorbar(degrees + shift, values, error, fmt=marker, markersize=3, color=colour, label=label)
     if fit is not None:
         for curve, colour, label in zip(fit.curves, (_PLUS, _MINUS), ("fit of ξ₊", "fit of ξ₋"), strict=True):
             axes.plot(degrees, curve, color=colour, alpha=0.8, label=label)
@@ -32,15 +32,15 @@ def plot_pairs(correlation: Any, fit: Any = None, *, ax: OnAxes | None = None) -
     if correlation.edges[-1] > np.pi / 2:
         axes.set_xticks(range(0, 181, 30))
     power = 3 * int(np.log10(max(correlation.n_pairs.max(), 1)) // 3)
-    width = np.diff(np.degrees(correlation.edges))
-    below.bar(
+    widths = np.diff(np.degrees(correlation.edges))
+    pair_axes.bar(
         degrees,
         np.maximum(correlation.n_pairs, 0) / 10.0**power,
-        (width[:-1] + width[1:]) / 2,
+        (widths[:-1] + widths[1:]) / 2,
         color="0.75",
         edgecolor="white",
     )
-    below.set(xlabel=_ANGLE, ylabel=f"pairs\n[$10^{power}$]" if power else "pairs")
+    pair_axes.set(xlabel=_ANGLE, ylabel=f"pairs\n[$10^{power}$]" if power else "pairs")
     return panel_axes
 
 

@@ -37,7 +37,7 @@ from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, FloatArray
 
 #: The share of pairs of different sources in all of the weight, of which no digit is lost that matters.
-_PAIRED = 1e-9
+_LEAST_PAIRED_SHARE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +48,10 @@ class PairSums:
     motions: FloatArray
     weights: FloatArray
     ones: FloatArray
-    alone: FloatArray
+    self_pairs: FloatArray
 
     def __add__(self, other: PairSums) -> PairSums:
-        sums = (getattr(self, name) + getattr(other, name) for name in ("motions", "weights", "ones", "alone"))
+        sums = (getattr(self, name) + getattr(other, name) for name in ("motions", "weights", "ones", "self_pairs"))
         return PairSums(self.lmax, *sums)
 
     @property
@@ -62,27 +62,27 @@ class PairSums:
         degrees = modes.degrees[: len(toroidal)]
         power_t, power_s = (np.bincount(degrees, x, self.lmax + 1)[1:].astype(float) for x in (toroidal, spheroidal))
         l = np.arange(self.lmax + 1)
-        itself = np.multiply.outer(self.alone, (2 * l + 1) / (4 * np.pi))
+        own = np.multiply.outer(self.self_pairs, (2 * l + 1) / (4 * np.pi))
         weights, numbers = (
             np.bincount(scalar.degrees, values**2 / scalar.norm2, self.lmax + 1) for values in (self.weights, self.ones)
         )
-        if weights[0] - itself[1][0] < _PAIRED * weights[0]:  # what is left of it would be rounding
+        if weights[0] - own[1][0] < _LEAST_PAIRED_SHARE * weights[0]:  # what is left of it would be rounding
             raise FieldError(
                 "one source has all the weight, and no pair of two has any: look at its error, or leave it out"
             )
-        return power_t + power_s - itself[0, 1:], power_t - power_s, weights - itself[1], numbers - itself[2]
+        return power_t + power_s - own[0, 1:], power_t - power_s, weights - own[1], numbers - own[2]
 
 
-def sums_of(
+def sum_pairs(
     field: Field | Parts, lmax: int, nside: int, weights: ArrayLike | None, threads: int | None
 ) -> tuple[PairSums, list[PairSums], str, tuple[str, ...]]:
-    """The sums of all sources, and of each HEALPix block that holds some; the frame, and notes."""
+    """Sum over all sources, and over each HEALPix block that holds some; the frame, and notes."""
     if isinstance(field, Parts):
         if weights is not None:
             raise ParameterError(
                 "weights= are of the sources of a Field in memory; those of parts follow from their errors"
             )
-        sums = field.sum(partial(_part_sums, lmax=lmax, nside=nside), roles=(), words="pairs")
+        sums = field.sum(partial(_sum_part, lmax=lmax, nside=nside), roles=(), words="pairs")
     else:
         if weights is not None:
             weights = float_array("weights", weights, (len(field),))
@@ -92,34 +92,34 @@ def sums_of(
                 )
         if len(field) < 2:
             raise FieldError("pairs need two sources at least")
-        sums = _part_sums(field, lmax, nside, weights, threads)
+        sums = _sum_part(field, lmax, nside, weights, threads)
     frame = find_single_frame(sums["frames"])
     blocks = [sums["blocks"][pixel] for pixel in sorted(sums["blocks"])]
     total = reduce(add, blocks)
-    if total.alone[2] < 2:
+    if total.self_pairs[2] < 2:
         raise FieldError("pairs need two sources at least")
     return total, blocks, frame, drop_empty_notes(merge_notes(*sums["notes"]))
 
 
-def _part_sums(field, lmax, nside, weights=None, threads=1):
-    blocks = _sums_by_block(field, lmax, nside, weights, threads)
+def _sum_part(field, lmax, nside, weights=None, threads=1):
+    blocks = _sum_by_block(field, lmax, nside, weights, threads)
     return {"blocks": blocks, "frames": [field.frame], "notes": [tuple(field.notes)]}
 
 
-def _sums_by_block(field, lmax, nside, weights, threads):
-    """Sums by pixel."""
+def _sum_by_block(field, lmax, nside, weights, threads):
+    """Sum over the sources of each pixel, by pixel."""
     pixel = pixels_of(field.lon, field.lat, nside)
     order = np.argsort(pixel, kind="stable")
     starts = np.flatnonzero(np.diff(pixel[order], prepend=-1))
     pixel_rows = np.split(order, starts[1:])
     weights = 2 / np.sum(field.sigma**2, axis=0) if weights is None else weights
-    work = map_blocks(
-        lambda chunk: _sums(field, weights, pixel_rows[chunk.start], lmax), len(pixel_rows), 1, threads, "pairs"
+    block_sums = map_blocks(
+        lambda chunk: _sum_block(field, weights, pixel_rows[chunk.start], lmax), len(pixel_rows), 1, threads, "pairs"
     )
-    return dict(zip(pixel[order][starts].tolist(), work, strict=True))
+    return dict(zip(pixel[order][starts].tolist(), block_sums, strict=True))
 
 
-def _sums(field, weights, rows, lmax):
+def _sum_block(field, weights, rows, lmax):
     from vsh.transform import adjoint
 
     lon, lat, w, motion = field.lon[rows], field.lat[rows], weights[rows], field.motion[:, rows]
@@ -133,17 +133,17 @@ def _sums(field, weights, rows, lmax):
     )
 
 
-def covariance_of(blocks: Sequence[PairSums], plus: FloatArray, minus: FloatArray, weight: FloatArray) -> FloatArray:
-    """The covariance of k linear functions of the spectra of pairs, (k, k); nan of less than four blocks."""
+def find_covariance(blocks: Sequence[PairSums], plus: FloatArray, minus: FloatArray, weight: FloatArray) -> FloatArray:
+    """Find the covariance of k linear functions of the spectra of pairs, (k, k); nan of less than four blocks."""
     count = len(blocks)
     if count < 4:
         return np.full((len(plus),) * 2, np.nan)
-    cross_terms = _cross_terms(blocks, plus, minus, weight)
-    itself = np.einsum("bkk->bk", cross_terms)
+    cross_terms = _compute_cross_terms(blocks, plus, minus, weight)
+    self_terms = np.einsum("bkk->bk", cross_terms)
     pairs = 2 * cross_terms
     pairs[:, range(count), range(count)] = 0.0
-    leaving = itself + pairs.sum(2)
-    deviation = leaving - leaving.mean(1, keepdims=True)
+    contributions = self_terms + pairs.sum(2)
+    deviation = contributions - contributions.mean(1, keepdims=True)
     jackknife = count / (count - 1) * deviation @ deviation.T
     # What each pair of blocks has that neither of the two has with all others.
     block_effects = pairs.sum(2) / (count - 2)
@@ -152,29 +152,29 @@ def covariance_of(blocks: Sequence[PairSums], plus: FloatArray, minus: FloatArra
         pairs - block_effects[:, :, None] - block_effects[:, None, :] + (mean * count / (count - 2))[:, None, None]
     )
     residuals[:, range(count), range(count)] = 0.0
-    twice = np.sum(residuals**2, axis=(1, 2)) / 2 * (count - 1) / (count - 3)
+    double_counted = np.sum(residuals**2, axis=(1, 2)) / 2 * (count - 1) / (count - 3)
     with np.errstate(divide="ignore", invalid="ignore"):
-        shrink = np.sqrt(np.clip(1 - twice / np.diag(jackknife), 0.5, 1.0))
+        shrink = np.sqrt(np.clip(1 - double_counted / np.diag(jackknife), 0.5, 1.0))
     return jackknife * np.outer(shrink, shrink)
 
 
-def _cross_terms(blocks, plus, minus, weight):
+def _compute_cross_terms(blocks, plus, minus, weight):
     """R_km: the functions for pairs of one source in block k and another in block m, (k, blocks, blocks)."""
     lmax = blocks[0].lmax
     modes, scalar = Modes(lmax), ScalarModes(lmax)
     motions = np.array([block.motions for block in blocks]) / np.sqrt(modes.norm2)
     weights = np.array([block.weights for block in blocks]) / np.sqrt(scalar.norm2)
-    self_pairs = np.array([block.alone for block in blocks])
+    self_sums = np.array([block.self_pairs for block in blocks])
     terms = np.zeros((len(plus), len(blocks), len(blocks)))
     for l in range(lmax + 1):
-        y = weights[:, scalar.slice_of("F", l)]
-        w = y @ y.T - np.diag(self_pairs[:, 1] * (2 * l + 1) / (4 * np.pi))
-        terms += weight[:, l, None, None] * w
+        block_weights = weights[:, scalar.slice_of("F", l)]
+        weight_products = block_weights @ block_weights.T - np.diag(self_sums[:, 1] * (2 * l + 1) / (4 * np.pi))
+        terms += weight[:, l, None, None] * weight_products
         if l == 0:
             continue
         t, s = (motions[:, modes.slice_of(kind, l)] for kind in modes.kinds)
-        tt, ss, itself = t @ t.T, s @ s.T, np.diag(self_pairs[:, 0] * (2 * l + 1) / (4 * np.pi))
-        terms += plus[:, l - 1, None, None] * (tt + ss - itself) + minus[:, l - 1, None, None] * (tt - ss)
+        tt, ss, own = t @ t.T, s @ s.T, np.diag(self_sums[:, 0] * (2 * l + 1) / (4 * np.pi))
+        terms += plus[:, l - 1, None, None] * (tt + ss - own) + minus[:, l - 1, None, None] * (tt - ss)
     return terms
 
 
@@ -196,13 +196,13 @@ class Windows:
         return plus, minus, scalar
 
 
-def windows(edges: FloatArray, lmax: int) -> Windows:
-    """The bins between edges."""
-    return _windows(tuple(map(float, edges)), lmax)
+def make_windows(edges: FloatArray, lmax: int) -> Windows:
+    """Make the bins between edges."""
+    return _compute_windows(tuple(map(float, edges)), lmax)
 
 
 @lru_cache(maxsize=4)
-def _windows(edges, lmax):
+def _compute_windows(edges, lmax):
     theta, weight, ramp = [], [], []
     for lower, upper in pairwise(edges):
         x, w = leggauss(24 + int(0.7 * lmax * (upper - lower)))
@@ -212,14 +212,14 @@ def _windows(edges, lmax):
     nodes = np.concatenate(theta)
     starts = np.concatenate([[0], np.cumsum([len(angles) for angles in theta])])
     values = np.zeros((len(edges) - 2, len(nodes)))
-    for k, row in enumerate(values):
-        row[starts[k] : starts[k + 1]] = ramp[k] * weight[k]
-        row[starts[k + 1] : starts[k + 2]] = (1 - ramp[k + 1]) * weight[k + 1]
+    for k, window in enumerate(values):
+        window[starts[k] : starts[k + 1]] = ramp[k] * weight[k]
+        window[starts[k + 1] : starts[k + 2]] = (1 - ramp[k + 1]) * weight[k + 1]
     return Windows(nodes, values, d_plus(lmax, nodes), d_minus(lmax, nodes), legvander(np.cos(nodes), lmax).T)
 
 
-def checked_edges(edges: ArrayLike) -> FloatArray:
-    """Edges of bins, ascending from 0 to π at most."""
+def check_edges(edges: ArrayLike) -> FloatArray:
+    """Check edges of bins: they ascend from 0 to π at most."""
     array = float_array("edges", edges)
     if array.ndim != 1 or array.size < 3:
         raise ParameterError(

@@ -48,7 +48,7 @@ from vsh.vector import Vector
 _UPPER = np.triu_indices(3)
 _MOST_NODES = 129
 #: The largest error of log L near its maximum, between the nodes.
-_ACCURACY = 1e-5
+_TABLE_ACCURACY = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,15 +62,15 @@ class CompressedLikelihood:
 
     def __call__(self, spreads: FloatArray) -> Any:
         """c (n,), û (n, 3), M (n, 3, 3) at spreads, excess noises and sizes of the flow, inside the limits."""
-        c, peak, matrix = np.split(self._at(spreads, slice(0, 10)), [1, 4], axis=1)
-        return c[:, 0], peak, _symmetric(matrix)
+        c, peak, matrix = np.split(self._interpolate(spreads, slice(0, 10)), [1, 4], axis=1)
+        return c[:, 0], peak, _fill_symmetric(matrix)
 
     def acceleration(self, spreads: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean (n, 3) and covariance (n, 3, 3) of ã, given all the rest."""
-        mean, slope, covariance = np.split(self._at(spreads, slice(10, 28)), [3, 12], axis=1)
-        return mean + np.einsum("nij,nj->ni", slope.reshape(-1, 3, 3), u), _symmetric(covariance)
+        mean, slope, covariance = np.split(self._interpolate(spreads, slice(10, 28)), [3, 12], axis=1)
+        return mean + np.einsum("nij,nj->ni", slope.reshape(-1, 3, 3), u), _fill_symmetric(covariance)
 
-    def _at(self, spreads, selection):
+    def _interpolate(self, spreads, selection):
         bases = [axis.basis(np.asarray(value)) for axis, value in zip(self.axes, spreads, strict=True)]
         planes = np.tensordot(bases[2], self.coefficients[selection], (1, 3))  # (n, f, n_s, n_x)
         curves = np.einsum("nx,nfsx->nfs", bases[1], planes)
@@ -107,39 +107,39 @@ class LikelihoodFunctions:
         return np.stack(terms, axis=1)
 
 
-def compress_likelihood(density: LikelihoodFunctions, limits: Sequence[tuple[float, float]]) -> CompressedLikelihood:
+def compress_likelihood(functions: LikelihoodFunctions, limits: Sequence[tuple[float, float]]) -> CompressedLikelihood:
     """Tabulate the likelihood between the limits of s, x and q."""
     (_, widest), (_, noisiest), (_, largest) = limits
-    noise = float(np.sqrt(density.rows.smallest_variance))
-    scales = max(noise / density.rows.largest_rate, 1e-6 * max(widest, 1e-30)), noise, largest
-    axes = [Axis(*pair, size, 1 if pair[0] == pair[1] else 12) for pair, size in zip(limits, scales, strict=True)]
-    _check_separable(density, widest, noisiest)
+    noise = float(np.sqrt(functions.rows.smallest_variance))
+    scales = max(noise / functions.rows.largest_rate, 1e-6 * max(widest, 1e-30)), noise, largest
+    axes = [Axis(*limit, scale, 1 if limit[0] == limit[1] else 12) for limit, scale in zip(limits, scales, strict=True)]
+    _check_separable(functions, widest, noisiest)
     for i in range(3):  # each axis along the sharp edge of the others
-        edge = [Axis(axis.low, axis.low, axis.scale, 1) for axis in axes]
+        edge_axes = [Axis(axis.low, axis.low, axis.scale, 1) for axis in axes]
         while axes[i].count > 1:
-            edge[i] = axes[i]
-            if _error(_table(density, edge), density) < _ACCURACY:
+            edge_axes[i] = axes[i]
+            if _find_largest_error(_tabulate(functions, edge_axes), functions) < _TABLE_ACCURACY:
                 break
-            axes[i] = _finer(axes[i])
+            axes[i] = _refine(axes[i])
     while True:
-        table = _table(density, axes)
-        if max(axis.count for axis in axes) == 1 or _error(table, density) < _ACCURACY:
-            return table
-        axes = [_finer(axis) for axis in axes]
+        likelihood = _tabulate(functions, axes)
+        if max(axis.count for axis in axes) == 1 or _find_largest_error(likelihood, functions) < _TABLE_ACCURACY:
+            return likelihood
+        axes = [_refine(axis) for axis in axes]
 
 
-def _finer(axis):
+def _refine(axis):
     if axis.count > _MOST_NODES:
         raise ConvergenceError("the likelihood is too rough to be tabulated: narrow the priors")
     return axis.finer()
 
 
-def _table(density, axes):
+def _tabulate(functions, axes):
     nodes = np.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
-    values = density.at(*(node.ravel() for node in nodes)).reshape(-1, *nodes[0].shape)
+    values = functions.at(*(node.ravel() for node in nodes)).reshape(-1, *nodes[0].shape)
     for axis, table_axis in enumerate(axes):
         values = table_axis.to_coefficients(values, axis + 1)
-    return CompressedLikelihood(tuple(axes), values, density.rows.hubble, density.rows.frame)
+    return CompressedLikelihood(tuple(axes), values, functions.rows.hubble, functions.rows.frame)
 
 
 def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame: str) -> Any:
@@ -155,33 +155,33 @@ def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame
     n_aa, n_au = matrix[..., nuisance, :][..., nuisance], matrix[..., nuisance, U]
     inverse = np.linalg.inv(n_aa)
     slope = -inverse @ n_au
-    mean = _matrix_vector_product(inverse, rhs[..., nuisance])
+    mean = _multiply_vectors(inverse, rhs[..., nuisance])
     m = matrix[..., U, U] + np.swapaxes(n_au, -1, -2) @ slope
-    b = rhs[..., U] + _matrix_vector_product(np.swapaxes(slope, -1, -2), rhs[..., nuisance])
+    b = rhs[..., U] + _multiply_vectors(np.swapaxes(slope, -1, -2), rhs[..., nuisance])
     peak = np.linalg.solve(m, b[..., None])[..., 0]
-    least = sums.chi2_null - np.sum(rhs[..., nuisance] * mean, -1) - np.sum(b * peak, -1)
-    c = -(least + sums.logdet + np.linalg.slogdet(n_aa)[1]) / 2
+    least_chi2 = sums.chi2_null - np.sum(rhs[..., nuisance] * mean, -1) - np.sum(b * peak, -1)
+    c = -(least_chi2 + sums.logdet + np.linalg.slogdet(n_aa)[1]) / 2
     functions = [c[..., None], peak, m[..., _UPPER[0], _UPPER[1]], mean[..., :3]]
     functions += [slope[..., :3, :].reshape(*c.shape, 9), inverse[..., :3, :3][..., _UPPER[0], _UPPER[1]]]
     return np.moveaxis(np.concatenate(functions, axis=-1), -1, 0)
 
 
-def _check_separable(density, dispersion, excess_noise):
-    keep = slice(0, 9 if density.spin is not None else 6)
-    matrix = density.rows.sums(dispersion, excess_noise, threads=density.threads).matrix[keep, keep]
+def _check_separable(functions, dispersion, excess_noise):
+    keep = slice(0, 9 if functions.spin is not None else 6)
+    matrix = functions.rows.sums(dispersion, excess_noise, threads=functions.threads).matrix[keep, keep]
     names = ["v_x", "v_y", "v_z", "a_x", "a_y", "a_z", "omega_x", "omega_y", "omega_z"][keep]
-    check_determined(matrix, names, density.rows.n_data // 2)
+    check_determined(matrix, names, functions.rows.n_data // 2)
 
 
-def _error(table, density, points=24):
-    """The largest error of log L near its maximum, at points between the nodes, against the sums themselves."""
+def _find_largest_error(likelihood, functions, points=24):
+    """Find the largest error of log L near its maximum, at points between the nodes, against the sums themselves."""
     t = (np.arange(points) + 0.5) / points
     stride = 0.6180339887 * points
     fractions = (t, (t * stride) % 1, (t * stride**2) % 1)  # all over the cube, and the same every time
-    spreads = np.stack([axis.at(fraction) for axis, fraction in zip(table.axes, fractions, strict=True)])
-    exact = density.at(*spreads)
-    c0, peak0, m0 = exact[0], exact[1:4].T, _symmetric(exact[4:10].T)
-    c1, peak1, m1 = table(spreads)
+    spreads = np.stack([axis.at(fraction) for axis, fraction in zip(likelihood.axes, fractions, strict=True)])
+    exact = functions.at(*spreads)
+    c0, peak0, m0 = exact[0], exact[1:4].T, _fill_symmetric(exact[4:10].T)
+    c1, peak1, m1 = likelihood(spreads)
     depth = 1 + 0.01 * (c0.max() - c0)
     shift = peak0 - peak1
     peak_error = np.sqrt(np.abs(np.einsum("ni,nij,nj->n", shift, m0, shift)))
@@ -189,11 +189,11 @@ def _error(table, density, points=24):
     return max((np.abs(c0 - c1) / depth).max(), (peak_error / depth).max(), (matrix_error / depth).max())
 
 
-def _matrix_vector_product(matrix, vector):
+def _multiply_vectors(matrix, vector):
     return (matrix @ vector[..., None])[..., 0]
 
 
-def _symmetric(triangle):
+def _fill_symmetric(triangle):
     full = np.empty((len(triangle), 3, 3))
     full[:, _UPPER[0], _UPPER[1]] = triangle
     full[:, _UPPER[1], _UPPER[0]] = triangle
@@ -225,13 +225,13 @@ class ParallaxModel:
     def log_probability(self, theta: FloatArray) -> FloatArray:
         """Log posterior density of coordinates (n, d), up to a constant."""
         total = self.priors.log(theta[:, 3:])
-        good = np.isfinite(total)
-        spreads, ratio = self.likelihood_arguments(theta[good, 3:])
-        u, v = self.velocities(theta[good])
+        is_allowed = np.isfinite(total)
+        spreads, ratio = self.likelihood_arguments(theta[is_allowed, 3:])
+        u, v = self.velocities(theta[is_allowed])
         c, peak, matrix = self.likelihood(spreads)
         offset = u - peak
-        total[good] += c - np.einsum("ni,nij,nj->n", offset, matrix, offset) / 2
-        total[good] += self.priors.velocity.log(v) + self.log_jacobian(ratio)
+        total[is_allowed] += c - np.einsum("ni,nij,nj->n", offset, matrix, offset) / 2
+        total[is_allowed] += self.priors.velocity.log(v) + self.log_jacobian(ratio)
         return np.where(np.isnan(total), -np.inf, total)
 
     def likelihood_arguments(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -247,11 +247,11 @@ class ParallaxModel:
         # Without a prior the flow's amplitude stands for H_ref and weighs only; with one it tells H0.
         flow = columns["flow_amplitude"] * ratio if "flow_amplitude" in columns else np.ones(ratio.shape)
         flow = flow if self.priors.group is None else ratio
-        inside = [
+        clipped = [
             np.clip(value, axis.low, axis.high)
             for value, axis in zip((dispersion, excess_noise, flow), self.likelihood.axes, strict=True)
         ]
-        return np.stack(inside), ratio
+        return np.stack(clipped), ratio
 
     def marginalise_velocity(
         self, numbers: FloatArray, with_priors: bool = True
@@ -335,36 +335,36 @@ class ParallaxModel:
         samples = dict(zip(("v_x", "v_y", "v_z"), v.T)) | {"speed": np.linalg.norm(v, axis=1)}
         samples |= dict(zip(self.priors.free, numbers.T))
         mean, covariance = self.likelihood.acceleration(spreads, u)
-        a = mean + np.einsum("nij,nj->ni", np.linalg.cholesky(covariance), rng.standard_normal(mean.shape))
-        return samples | dict(zip(("a_x", "a_y", "a_z"), a.T))
+        acceleration = mean + np.einsum("nij,nj->ni", np.linalg.cholesky(covariance), rng.standard_normal(mean.shape))
+        return samples | dict(zip(("a_x", "a_y", "a_z"), acceleration.T))
 
 
 def parallax_model(
-    rows: ParallaxEquations | ParallaxParts,
-    given: ModelPriors,
+    equations: ParallaxEquations | ParallaxParts,
+    priors: ModelPriors,
     spin: Literal["free"] | Vector | None = None,
     threads: int | None = None,
 ) -> ParallaxModel:
     """The posterior of a catalogue's equations under priors."""
-    dispersion, flow = given.limits("peculiar_dispersion"), (1.0, 1.0)
-    slow, fast = (limit / rows.hubble for limit in given.limits("H0"))
-    if "peculiar_dispersion" in given.free:
+    dispersion, flow = priors.limits("peculiar_dispersion"), (1.0, 1.0)
+    slow, fast = (limit / equations.hubble for limit in priors.limits("H0"))
+    if "peculiar_dispersion" in priors.free:
         dispersion = dispersion[0] * slow, dispersion[1] * fast
-    if "flow_amplitude" in given.free:
-        if rows.modes is None:
+    if "flow_amplitude" in priors.free:
+        if equations.modes is None:
             raise ParameterError('an amplitude of the flow needs a flow: flows="linear"')
-        lower, upper = given.limits("flow_amplitude")
+        lower, upper = priors.limits("flow_amplitude")
         flow = max(lower, 1e-3) * slow, upper * fast
-    elif given.group is not None:
+    elif priors.group is not None:
         flow = slow, fast
-    density = LikelihoodFunctions(rows, spin, given.acceleration, threads, given.group)
-    table = compress_likelihood(density, (dispersion, given.limits("excess_noise"), flow))
-    return ParallaxModel(table, given, "v" if _prior_is_sharper(given.velocity, table) else "u")
+    functions = LikelihoodFunctions(equations, spin, priors.acceleration, threads, priors.group)
+    likelihood = compress_likelihood(functions, (dispersion, priors.limits("excess_noise"), flow))
+    return ParallaxModel(likelihood, priors, "v" if _prior_is_sharper(priors.velocity, likelihood) else "u")
 
 
-def _prior_is_sharper(velocity, table):
+def _prior_is_sharper(velocity, likelihood):
     """Return whether the prior on the velocity says more than the data, where they say most."""
     if not (velocity.gaussian and velocity.proper):
         return False
-    _, _, matrix = table(np.array([[axis.low] for axis in table.axes]))
+    _, _, matrix = likelihood(np.array([[axis.low] for axis in likelihood.axes]))
     return np.trace(np.linalg.inv(velocity.precision)) < np.trace(np.linalg.inv(matrix[0]))

@@ -18,11 +18,11 @@ from vsh.tools.printing import import_quietly
 from vsh.tools.types import AxesArray, OnAxes
 
 #: The data say something of a quantity if they take a tenth off the width of its prior.
-_TOLD = 0.9
+_NARROWED = 0.9
 
 
-def label(name: str) -> str:
-    """A quantity's name with its unit, as on an axis."""
+def format_label(name: str) -> str:
+    """Format a quantity's name with its unit, as on an axis."""
     unit = f"\n[{UNITS[name]}]" if UNITS.get(name) else ""
     return symbol(name) + unit
 
@@ -46,22 +46,22 @@ def plot_corner(
             name for name in quantities if not name.startswith(("omega_", "speed")) and np.ptp(samples[name]) > 0
         ]
         quantities = [
-            name for name in candidates if np.std(samples[name]) < _TOLD * _prior_sigma(posterior, name)
+            name for name in candidates if np.std(samples[name]) < _NARROWED * _find_prior_sigma(posterior, name)
         ] or candidates
     if not quantities:
         raise ParameterError("no quantity was free: there is nothing to draw")
-    data = np.stack([samples[name] for name in quantities], axis=1)
+    columns = np.stack([samples[name] for name in quantities], axis=1)
     k = len(quantities)
-    true = [(truths or {}).get(name) for name in quantities]
+    truth_values = [(truths or {}).get(name) for name in quantities]
     size = max(WIDTH, 0.95 * k + 0.6)
     figure = plt.figure(figsize=(size, size), layout="none") if ax is None else figure_of(panels(ax, k, k))
     with plt.rc_context({"axes.spines.top": True, "axes.spines.right": True}):
         import_quietly("corner").corner(
-            data,
+            columns,
             fig=figure,
-            labels=[label(name) for name in quantities],
+            labels=[format_label(name) for name in quantities],
             levels=(0.683, 0.954),
-            truths=true,
+            truths=truth_values,
             truth_color=COLOURS[1],
             quantiles=(0.15865525, 0.5, 0.84134475),
             label_kwargs={"fontsize": 8},
@@ -71,13 +71,13 @@ def plot_corner(
             bins=30,
             max_n_ticks=3,
             labelpad=0.12,
-            range=[_reach(*pair) for pair in zip(data.T, true, strict=True)],
+            range=[_find_range(*pair) for pair in zip(columns.T, truth_values, strict=True)],
         )
     if ax is None:
         edge = 0.8 / size  # else corner cuts labels off
         figure.subplots_adjust(left=edge, bottom=edge, right=1 - 0.1 / size, top=1 - 0.35 / size)
     subplots = np.array(figure.axes[-k * k :], dtype=object).reshape(k, k)
-    for axes, name, values in zip(subplots.diagonal(), quantities, data.T, strict=True):
+    for axes, name, values in zip(subplots.diagonal(), quantities, columns.T, strict=True):
         axes.set_title(f"{symbol(name)} = {_format_median(values)}", fontsize=7)
     for axes in subplots[np.tril_indices(k)]:  # the end ticks of two neighbours would touch
         axes.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
@@ -88,8 +88,8 @@ def plot_corner(
     return subplots
 
 
-def _prior_sigma(posterior, name):
-    """Standard deviation of a Gaussian prior on a quantity; inf of any other, and of samples without a model."""
+def _find_prior_sigma(posterior, name):
+    """Find the standard deviation of a Gaussian prior on a quantity; inf of any other, and of samples with no model."""
     if getattr(posterior, "model", None) is None:
         return np.inf
     priors, (vector, _, axis) = posterior.model.priors, name.rpartition("_")
@@ -108,11 +108,11 @@ def _format_median(values):
     return rf"${middle:.{digits}f}^{{+{upper - middle:.{digits}f}}}_{{-{middle - lower:.{digits}f}}}$"
 
 
-def _reach(values, true):
-    """All but the farthest thousandth of the samples, and the truth; not below zero where nothing is."""
+def _find_range(values, truth):
+    """Find the range of all but the farthest thousandth of the samples, and of the truth; below zero if some are."""
     lower, upper = np.quantile(values, [0.0005, 0.9995])
-    if true is not None:
-        lower, upper = min(lower, true), max(upper, true)
+    if truth is not None:
+        lower, upper = min(lower, truth), max(upper, truth)
     margin = 0.05 * (upper - lower) or 1.0
     return lower - margin if min(lower, values.min()) < 0 else max(lower - margin, 0.0), upper + margin
 
@@ -136,14 +136,14 @@ def plot_trace(posterior: Any, n_shown: int = 40, *, ax: OnAxes | None = None) -
     """Coordinates of some walkers against steps; the burn-in shaded, R̂ and the effective size beside each."""
     names, chain = posterior.model.names, posterior.chain
     subplots = panels(ax, len(names), 1, size=(WIDTH, 0.75 * len(names) + 0.5), sharex=True)
-    walker_stride, every = max(1, chain.shape[1] // n_shown), max(1, len(chain) // 2000)
-    r_hat, size, steps = posterior.r_hat, posterior.effective_size, np.arange(0, len(chain), every)
+    walker_stride, step_stride = max(1, chain.shape[1] // n_shown), max(1, len(chain) // 2000)
+    r_hat, size, steps = posterior.r_hat, posterior.effective_size, np.arange(0, len(chain), step_stride)
     for axes, name, values in zip(subplots, names, np.moveaxis(chain, 2, 0), strict=True):
-        shown = values[::every, ::walker_stride]
+        shown = values[::step_stride, ::walker_stride]
         axes.plot(steps, shown, color=COLOURS[0], alpha=0.2, linewidth=0.3, rasterized=True)
         if posterior.burn_in:
             axes.axvspan(0, posterior.burn_in, color="0.85", zorder=0)
-        axes.set_ylabel(label(name) if name in UNITS else symbol(name))
+        axes.set_ylabel(format_label(name) if name in UNITS else symbol(name))
         axes.set_title(f"R̂ = {r_hat[name]:.3f}, effective size {size[name]:.0f}", loc="right", fontsize=6.5, pad=2)
     subplots[-1].set_xlabel(f"step{' (shaded: left out)' if posterior.burn_in else ''}")
     return subplots
@@ -156,5 +156,5 @@ def plot_marginals(grid: Any, *, ax: OnAxes | None = None) -> AxesArray:
     for axes, name in zip(subplots, grid.names, strict=True):
         x, p = grid.marginal(name)
         axes.plot(x, p / (x[1] - x[0]), color=COLOURS[0])
-        axes.set(xlabel=label(name).replace("\n", "  "), ylabel="density", ylim=(0, None))
+        axes.set(xlabel=format_label(name).replace("\n", "  "), ylabel="density", ylim=(0, None))
     return subplots

@@ -18,7 +18,7 @@ from numpy.polynomial import chebyshev
 from scipy.special import digamma, gammaln, polygamma
 
 from fit.normal import NormalEquations, Template, normal_equations, solve, template_fields
-from fit.normal.sums import blocks, sandwich, weighted_matrix
+from fit.normal.sums import sandwich, slice_blocks, weighted_matrix
 from fit.results.quality import ERRORS_TOO_SMALL, TOO_LITTLE_SCATTER, ErrorSource
 from fit.results.solution import AboutSolution, Solution, with_errors
 from fit.robust._clip import EnlargedErrors
@@ -134,7 +134,7 @@ class SourceWeights:
             model = known[1] if known[0] is field else np.atleast_2d(self.solution.model(field))
             self.models[:] = [(field, model)]
             numbers, residual = np.empty((3, len(field))), np.empty(model.shape)
-            for part in blocks(len(field)):
+            for part in slice_blocks(len(field)):
                 residual[:, part], _, _, *numbers[:, part] = self.of(field[part], model[:, part])
             pair = (field, (*numbers, residual))
             self.last[:] = [pair]
@@ -421,7 +421,7 @@ def _step_sums(field, share):
 
     def response(model):
         scores = np.empty(model.shape)
-        for part in blocks(len(field)):
+        for part in slice_blocks(len(field)):
             _, score, information, x2, u, slope = share.of(field[part], model[:, part])
             scores[:, part] = u * score
             beyond = x2 / (nu + x2)
@@ -526,7 +526,7 @@ def _chi2_about(field, solution):
 
 def _likelihood_terms(field, share):
     log = _sum_log(1 + share(field)[0] / share.weight.nu)
-    logdet = sum(field[part].log_determinants.sum() for part in blocks(len(field)))
+    logdet = sum(field[part].log_determinants.sum() for part in slice_blocks(len(field)))
     return {"log": float(log), "logdet": float(logdet), "sources": len(field)}
 
 
@@ -572,7 +572,7 @@ def _weight_facts(field, share):
     return {
         "u": float(u.sum()),
         "u²": float(u @ u),
-        "chi2": float(sum(field[part].inner(*2 * [residual[:, part]]).sum() for part in blocks(len(field)))),
+        "chi2": float(sum(field[part].inner(*2 * [residual[:, part]]).sum() for part in slice_blocks(len(field)))),
         "sources": len(field),
         "least": [(float(u[i]), one_line_text(labels[i])) for i in least],
         "most": [float(u.max())],

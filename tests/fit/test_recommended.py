@@ -54,7 +54,7 @@ def test_noise_of_many_sources_is_that_of_a_sample(monkeypatch):
     sigma = np.broadcast_to(10 ** rng.uniform(1, 3, n), (2, n))
     field = Field(lon, lat, 3 * sigma * rng.normal(size=(2, n)) + sim.acceleration(TRUTH / 10)(lon, lat), sigma)
     whole = fit.recommended(field, 2)
-    for name, value in (("fit.methods._LARGE", 10_000), ("fit.robust._reweight._MANY", 9_000),
+    for name, value in (("fit.methods._MANY_SOURCES", 10_000), ("fit.robust._reweight._MANY", 9_000),
                         ("fit.robust._reweight._SAMPLE", 1_500)):  # fmt: skip
         monkeypatch.setattr(name, value)
     sampled = fit.recommended(field, 2)

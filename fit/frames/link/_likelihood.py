@@ -20,13 +20,13 @@ from vsh.tools.types import FloatArray, IntArray
 
 #: Degrees of freedom that are tried without and with separate outliers; the largest is practically a normal law.
 TAILS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 50.0, 1e6)
-_TAILS_BESIDE = (3.0, 8.0, 1e6)
+_TAILS_WITH_OUTLIERS = (3.0, 8.0, 1e6)
 #: Shares f of outliers that are tried, and factors κ by which the errors of outliers are larger.
 _SHARES, _TIMES = (0.05, 0.12, 0.25), (4.0, 12.0, 40.0)
 #: Steps of ln s around its best value, in standard errors of ln s.
-_AROUND = np.arange(-3.0, 3.01)
+_SCALE_STEPS = np.arange(-3.0, 3.01)
 #: A source is an outlier if its errors are more than this many times s.
-OUTLIER = 3.0
+OUTLIER_RATIO = 3.0
 
 
 @dataclass(frozen=True)
@@ -37,29 +37,29 @@ class Tails:
     share: float = 0.0
     times: float = 1.0
 
-    def logs(self, size: FloatArray, d: IntArray, s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def compute_log_density(self, chi2: FloatArray, d: IntArray, s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Compute ln p of each source from its χ², and −2 d ln p/dχ² and −4 d² ln p/d(χ²)²."""
-        total, probabilities, variance = self._mixture(size, d, s)
-        inner = self.nu * variance + size
+        total, probabilities, variance = self._compute_mixture(chi2, d, s)
+        inner = self.nu * variance + chi2
         firsts, seconds = -(self.nu + d) / 2 / inner, (self.nu + d) / 2 / inner**2
         first_derivative = np.sum(probabilities * firsts, 0)
         second_derivative = np.sum(probabilities * (seconds + firsts**2), 0) - first_derivative**2
         return total, -2 * first_derivative, -4 * second_derivative
 
-    def outlier(self, size: FloatArray, d: IntArray, s: float) -> FloatArray:
-        """Compute the probability that the errors of each source are more than OUTLIER times s."""
-        _, probabilities, variance = self._mixture(size, d, s)
-        limit = variance / (s * OUTLIER) ** 2
-        return np.sum(probabilities * gammainc((self.nu + d) / 2, (self.nu + size / variance) / 2 * limit), 0)
+    def outlier(self, chi2: FloatArray, d: IntArray, s: float) -> FloatArray:
+        """Compute the probability that the errors of each source are more than OUTLIER_RATIO times s."""
+        _, probabilities, variance = self._compute_mixture(chi2, d, s)
+        limit = variance / (s * OUTLIER_RATIO) ** 2
+        return np.sum(probabilities * gammainc((self.nu + d) / 2, (self.nu + chi2 / variance) / 2 * limit), 0)
 
-    def _mixture(self, size, d, s):
+    def _compute_mixture(self, chi2, d, s):
         """ln p of each source, (n,), and of good sources and outliers, (1 or 2, n): probability, and factor on C."""
-        parts = [(1 - self.share, s), (self.share, s * self.times)] if self.share else [(1.0, s)]
-        share, scale = np.array(parts).T[:, :, None]
+        components = [(1 - self.share, s), (self.share, s * self.times)] if self.share else [(1.0, s)]
+        share, scale = np.array(components).T[:, :, None]
         nu, variance = self.nu, scale**2
         log_densities = (
             np.log(share) + gammaln((nu + d) / 2) - gammaln(nu / 2)
-            - d / 2 * np.log(np.pi * nu * variance) - (nu + d) / 2 * np.log1p(size / (nu * variance))
+            - d / 2 * np.log(np.pi * nu * variance) - (nu + d) / 2 * np.log1p(chi2 / (nu * variance))
         )  # fmt: skip
         # It takes a quarter of the time of scipy's logsumexp for one or two parts.
         total = np.logaddexp.reduce(log_densities, axis=0)
@@ -70,10 +70,10 @@ NORMAL = Tails(TAILS[-1])
 #: Families of tails that are tried, from normal errors to the heaviest tails.
 FAMILIES = (
     *(Tails(nu) for nu in reversed(TAILS)),
-    *(Tails(nu, share, times) for times in _TIMES for share in _SHARES for nu in reversed(_TAILS_BESIDE)),
+    *(Tails(nu, share, times) for times in _TIMES for share in _SHARES for nu in reversed(_TAILS_WITH_OUTLIERS)),
 )
 #: Families of tails that are tried if an offset of positions is also estimated.
-FEWER = tuple(each for each in FAMILIES if (each.times in (1.0, _TIMES[1])) and each.nu in (1e6, 10.0, 4.0, 3.0, 2.0))
+OFFSET_FAMILIES = tuple(t for t in FAMILIES if (t.times in (1.0, _TIMES[1])) and t.nu in (1e6, 10.0, 4.0, 3.0, 2.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,13 +84,13 @@ class Node:
     scale: float
     values: FloatArray
     covariance: FloatArray
-    evidence: float
+    log_evidence: float
     weight: FloatArray
     outlier: FloatArray
     excess: float = 0.0
 
 
-def nodes(
+def iterate_nodes(
     rows: WhitenedDifferences,
     prior: tuple[FloatArray, FloatArray],
     families: Sequence[Tails] = FAMILIES,
@@ -103,34 +103,34 @@ def nodes(
         values, best = _fit_with_scale(rows, prior, tails, values, scale)
         centre = values
         log_sigma = np.sqrt((tails.nu + d.mean() + 2) / tails.nu / (2 * d.sum())) if scale is None else 0.0
-        for step in _AROUND if scale is None else (0.0,):
+        for step in _SCALE_STEPS if scale is None else (0.0,):
             s = float(best * np.exp(step * log_sigma))
-            values, size = _maximise_posterior(rows, prior, tails, s, centre)
-            log_density, weight, curvature = tails.logs(size, d, s)
-            evidence, covariance = _laplace(rows, prior, tails, s, values, weight, curvature)
+            values, chi2 = _maximise_posterior(rows, prior, tails, s, centre)
+            log_density, weight, curvature = tails.compute_log_density(chi2, d, s)
+            log_evidence, covariance = _approximate_evidence(rows, prior, tails, s, values, weight, curvature)
             # The prior is flat in ln s, and the steps are one standard error of ln s.
-            evidence += float(np.sum(log_density)) + (np.log(log_sigma) if log_sigma else 0.0)
-            yield Node(tails, s, values, covariance, evidence, weight, tails.outlier(size, d, s))
+            log_evidence += float(np.sum(log_density)) + (np.log(log_sigma) if log_sigma else 0.0)
+            yield Node(tails, s, values, covariance, log_evidence, weight, tails.outlier(chi2, d, s))
 
 
-def combine_nodes(listed: Sequence[Node]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def combine_nodes(nodes: Sequence[Node]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute the mean and covariance over all nodes, and the probability of each node."""
-    evidence = np.array([node.evidence for node in listed])
-    share = np.exp(evidence - logsumexp(evidence))
-    values = np.array([node.values for node in listed])
+    log_evidence = np.array([node.log_evidence for node in nodes])
+    share = np.exp(log_evidence - logsumexp(log_evidence))
+    values = np.array([node.values for node in nodes])
     mean = share @ values
     off = values - mean
-    covariance = np.einsum("k,kij->ij", share, [node.covariance for node in listed]) + (share * off.T) @ off
+    covariance = np.einsum("k,kij->ij", share, [node.covariance for node in nodes]) + (share * off.T) @ off
     return mean, covariance, share
 
 
 #: Number of the most probable nodes over which the influence of a source is averaged.
-_NODES = 40
+_INFLUENCE_NODES = 40
 
 
-def influence_of(
-    listed: Sequence[Node],
-    share: FloatArray,
+def estimate_influence(
+    nodes: Sequence[Node],
+    probability: FloatArray,
     rows: WhitenedDifferences,
     prior: tuple[FloatArray, FloatArray],
     mean: FloatArray,
@@ -141,36 +141,36 @@ def influence_of(
     weighted by their evidence without the source. Against exact leave-one-out fits the slope is 1.03 and the rms
     difference a tenth; with unchanged weights they would be 0.86 and a fifth.
     """
-    best = listed[int(np.argmax(share))]
-    is_comparable = [node.excess == best.excess for node in listed]  # otherwise its rows are different
-    indices = [k for k in np.argsort(-share)[:_NODES] if is_comparable[k]]
+    best = nodes[int(np.argmax(probability))]
+    is_comparable = [node.excess == best.excess for node in nodes]  # otherwise its rows are different
+    highest = [k for k in np.argsort(-probability)[:_INFLUENCE_NODES] if is_comparable[k]]
     design, n = rows.design, len(rows.names)
     starts = np.cumsum(rows.dims) - rows.dims
     squares = np.add.reduceat(design[:, :, None] * design[:, None, :], starts, axis=0)  # AᵀA of each source
-    total, step_sum = np.zeros(n), np.zeros((n, len(mean)))
+    total, weighted_steps = np.zeros(n), np.zeros((n, len(mean)))
     logs: list[FloatArray] = []
     steps: list[FloatArray] = []
-    for k in indices:
-        node = listed[k]
-        size = np.bincount(rows.source, (rows.rhs - design @ node.values) ** 2, minlength=n)
-        log_density, weight, curvature = node.tails.logs(size, rows.dims, node.scale)
-        pull = _source_gradients(rows, node.values)
+    for k in highest:
+        node = nodes[k]
+        chi2 = np.bincount(rows.source, (rows.rhs - design @ node.values) ** 2, minlength=n)
+        log_density, weight, curvature = node.tails.compute_log_density(chi2, rows.dims, node.scale)
+        pull = _compute_gradients(rows, node.values)
         source_curvature = curvature[:, None, None] * pull[:, :, None] * pull[:, None, :]
         normal_matrix = prior[0] + np.tensordot(weight, squares, 1)
         remainder = normal_matrix - weight[:, None, None] * squares
         observed = remainder + source_curvature.sum(axis=0) - source_curvature
         # Between two modes of the posterior the curvature is negative. There, use the weights alone.
-        bent = np.linalg.eigvalsh(observed)[:, 0] > 0.2 * np.abs(np.linalg.eigvalsh(remainder)[:, 0])
-        matrix = np.where(bent[:, None, None], observed, remainder)
+        is_definite = np.linalg.eigvalsh(observed)[:, 0] > 0.2 * np.abs(np.linalg.eigvalsh(remainder)[:, 0])
+        matrix = np.where(is_definite[:, None, None], observed, remainder)
         steps.append(node.values - np.linalg.solve(matrix, (weight[:, None] * pull)[:, :, None])[:, :, 0])
         logs.append(log_density)
     # The evidence of a node without a source is its evidence divided by the density of that source.
     relative = np.array(logs) - np.median(logs, axis=0)
-    for k, step, log_density in zip(indices, steps, relative, strict=True):
-        chance = share[k] * np.exp(-np.clip(log_density, -50, 50))
-        total += chance
-        step_sum += chance[:, None] * step
-    return step_sum / total[:, None] - mean
+    for k, step, log_density in zip(highest, steps, relative, strict=True):
+        weight_without = probability[k] * np.exp(-np.clip(log_density, -50, 50))
+        total += weight_without
+        weighted_steps += weight_without[:, None] * step
+    return weighted_steps / total[:, None] - mean
 
 
 def _fit_with_scale(rows, prior, tails, values, scale):
@@ -179,11 +179,11 @@ def _fit_with_scale(rows, prior, tails, values, scale):
         return _maximise_posterior(rows, prior, tails, scale, values, max_steps=1)[0], scale
     d, s = rows.dims, 1.0
     for _ in range(100):
-        values, size = _maximise_posterior(rows, prior, tails, s, values, max_steps=1)
-        _, weight, _ = tails.logs(size, d, s)
-        step = np.sqrt(max(np.sum(weight * size) / d.sum(), 1e-300))
-        s *= step
-        if abs(np.log(step)) < 1e-3:
+        values, chi2 = _maximise_posterior(rows, prior, tails, s, values, max_steps=1)
+        _, weight, _ = tails.compute_log_density(chi2, d, s)
+        ratio = np.sqrt(max(np.sum(weight * chi2) / d.sum(), 1e-300))
+        s *= ratio
+        if abs(np.log(ratio)) < 1e-3:
             break
     return values, s
 
@@ -191,52 +191,52 @@ def _fit_with_scale(rows, prior, tails, values, scale):
 def _maximise_posterior(rows, prior, tails, s, values, max_steps=60):
     """Find the frame of highest posterior and χ² of each source, by reweighting and by Newton steps that climb."""
     d, n = rows.dims, len(rows.names)
-    matrix0, rhs0 = prior
+    prior_matrix, prior_rhs = prior
 
-    def chi2_at(x):
-        return np.bincount(rows.source, (rows.rhs - rows.design @ x) ** 2, minlength=n)
+    def chi2_at(trial):
+        return np.bincount(rows.source, (rows.rhs - rows.design @ trial) ** 2, minlength=n)
 
-    size = chi2_at(values)
-    log_density, weight, curvature = tails.logs(size, d, s)
-    height = np.sum(log_density) + rhs0 @ values - values @ matrix0 @ values / 2
+    chi2 = chi2_at(values)
+    log_density, weight, curvature = tails.compute_log_density(chi2, d, s)
+    log_p = np.sum(log_density) + prior_rhs @ values - values @ prior_matrix @ values / 2
     for step in range(max_steps):
-        normal_matrix = (rows.design * weight[rows.source, None]).T @ rows.design + matrix0
-        downhill = (rows.design * weight[rows.source, None]).T @ rows.rhs + rhs0 - normal_matrix @ values
-        moves = [cho_solve(cho_factor(normal_matrix), downhill)]
+        normal_matrix = (rows.design * weight[rows.source, None]).T @ rows.design + prior_matrix
+        gradient = (rows.design * weight[rows.source, None]).T @ rows.rhs + prior_rhs - normal_matrix @ values
+        moves = [cho_solve(cho_factor(normal_matrix), gradient)]
         if step > 1:
             with suppress(np.linalg.LinAlgError):
-                pull = _source_gradients(rows, values)
-                moves.insert(0, cho_solve(cho_factor(normal_matrix + (pull * curvature[:, None]).T @ pull), downhill))
+                pull = _compute_gradients(rows, values)
+                moves.insert(0, cho_solve(cho_factor(normal_matrix + (pull * curvature[:, None]).T @ pull), gradient))
         for move in moves:
             new_values = values + move
-            new_size = chi2_at(new_values)
-            new_logs = tails.logs(new_size, d, s)
-            new_height = np.sum(new_logs[0]) + rhs0 @ new_values - new_values @ matrix0 @ new_values / 2
-            if new_height >= height - 1e-9 * abs(height):
+            new_chi2 = chi2_at(new_values)
+            new_logs = tails.compute_log_density(new_chi2, d, s)
+            new_log_p = np.sum(new_logs[0]) + prior_rhs @ new_values - new_values @ prior_matrix @ new_values / 2
+            if new_log_p >= log_p - 1e-9 * abs(log_p):
                 break
-        values, size, height = new_values, new_size, new_height
+        values, chi2, log_p = new_values, new_chi2, new_log_p
         _, weight, curvature = new_logs
         if move @ normal_matrix @ move < 1e-8:
             break
-    return values, size
+    return values, chi2
 
 
-def _source_gradients(rows, values):
+def _compute_gradients(rows, values):
     """Compute Bᵀr of each source, (n, p), with B its design and r its residuals."""
     products = rows.design * (rows.rhs - rows.design @ values)[:, None]
     return np.add.reduceat(products, np.cumsum(rows.dims) - rows.dims, axis=0)
 
 
-def _laplace(rows, prior, tails, s, values, weight, curvature):
+def _approximate_evidence(rows, prior, tails, s, values, weight, curvature):
     """Compute ln of prior and volume at the highest posterior, and the covariance from the curvature there."""
-    matrix0, rhs0 = prior
-    normal_matrix = (rows.design * weight[rows.source, None]).T @ rows.design + matrix0
-    gradients = _source_gradients(rows, values)
+    prior_matrix, prior_rhs = prior
+    normal_matrix = (rows.design * weight[rows.source, None]).T @ rows.design + prior_matrix
+    gradients = _compute_gradients(rows, values)
     matrix = normal_matrix + (gradients * curvature[:, None]).T @ gradients
     if np.linalg.eigvalsh(matrix)[0] <= 0.2 * np.linalg.eigvalsh(normal_matrix)[0]:  # between two modes
         d = rows.dims
         ratio = (1 - tails.share) * (tails.nu + d) / (tails.nu + d + 2) / s**2
-        matrix = (rows.design * ratio[rows.source, None]).T @ rows.design + matrix0
+        matrix = (rows.design * ratio[rows.source, None]).T @ rows.design + prior_matrix
     factor = cho_factor(matrix)
-    log_volume = rhs0 @ values - values @ matrix0 @ values / 2 - np.sum(np.log(np.diag(factor[0])))
+    log_volume = prior_rhs @ values - values @ prior_matrix @ values / 2 - np.sum(np.log(np.diag(factor[0])))
     return float(log_volume), cho_solve(factor, np.eye(len(values)))

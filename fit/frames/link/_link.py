@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp
 
-from fit.frames.link._likelihood import FAMILIES, FEWER, NORMAL, Node, nodes
-from fit.frames.link._rows import LinkPrior, Unknowns, equations
+from fit.frames.link._likelihood import FAMILIES, NORMAL, OFFSET_FAMILIES, Node, iterate_nodes
+from fit.frames.link._rows import LinkPrior, Unknowns, make_equations
 from fit.frames.link._solution import FrameTie, make_frame_tie
 from fit.frames.results import FrameResult
 from fit.results.quality import SEEN
@@ -25,9 +25,9 @@ from vsh.vector import GAIA_EDR3, Vector
 #: The epoch that ICRF3's positions are given for (Charlot et al. 2020, A&A 644, A159).
 ICRF3_EPOCH = 2015.0
 #: Sizes of an excess noise that are tried, in units of the median error of the positions of the reference.
-_EXCESS = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
+_EXCESS_SIZES = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
 #: Correlations beyond this cannot be separated.
-_ALIKE = 1e-10
+_SMALLEST_EIGENVALUE = 1e-10
 
 
 @log_calls("link")
@@ -105,57 +105,57 @@ def link(
     D = K x of Lindegren (2020, A&A 633, A1), for any number of catalogues and rows; ε and ω have the signs of his, and
     of `fit.solve_frame`. Errors of sources are independent of each other here: stars that share a calibrator are not.
     """
-    reference_name = _reference(astrometry, reference)
+    reference_name = _choose_reference(astrometry, reference)
     parameters = Unknowns(
         tuple(name for name in unknowns if name != "parallax"),
         tuple(name for name in astrometry.catalogues if name != reference_name),
         tuple(map(float, steps)), order, float(epoch), "parallax" in unknowns,
     )  # fmt: skip
     fixed = {reference_name: ICRF3_EPOCH} if fixed is None else dict(fixed)
-    strange = [catalogue for catalogue in fixed if catalogue not in astrometry.catalogues]
-    if strange:
+    unknown = [catalogue for catalogue in fixed if catalogue not in astrometry.catalogues]
+    if unknown:
         raise ParameterError(
-            f"fixed= names unknown catalogues {', '.join(strange)}; known are {', '.join(astrometry.catalogues)}"
+            f"fixed= names unknown catalogues {', '.join(unknown)}; known are {', '.join(astrometry.catalogues)}"
         )
-    raw, notes = equations(
+    raw, notes = make_equations(
         astrometry, parameters, fixed=fixed, aberration=aberration, parallax=parallax, light_time=light_time
     )
-    prior = _prior(priors, parameters)
+    prior = _sum_priors(priors, parameters)
     rows = raw.eliminate_stars()
     _check_separable(rows, prior, parameters.names, raw)
     if excess is None:
         excess = robust and bool(((astrometry.catalogue == reference_name) & astrometry.measured[:, 0]).any())
-    families = (FAMILIES if not excess else FEWER) if robust else (NORMAL,)
+    families = (FAMILIES if not excess else OFFSET_FAMILIES) if robust else (NORMAL,)
     node_list: list[Node] = []
-    sizes: list[float] = _excess_sizes(astrometry, reference_name) if excess else [0.0]
+    sizes: list[float] = _list_excess_sizes(astrometry, reference_name) if excess else [0.0]
     rows_by_offset = {size: raw.eliminate_stars(size, reference_name) if size else rows for size in sizes}
     for size, offset_rows in rows_by_offset.items():
         # As likely as not there is none; all sizes are alike then.
-        chance = -np.log(len(sizes) - 1) if size else 0.0
-        for node in nodes(offset_rows, prior, families, scale):
-            evidence = node.evidence - offset_rows.log_determinant + chance
-            node_list.append(replace(node, evidence=evidence, excess=size))
-    best = max(node_list, key=lambda node: node.evidence)
+        log_prior = -np.log(len(sizes) - 1) if size else 0.0
+        for node in iterate_nodes(offset_rows, prior, families, scale):
+            log_evidence = node.log_evidence - offset_rows.log_determinant + log_prior
+            node_list.append(replace(node, log_evidence=log_evidence, excess=size))
+    best = max(node_list, key=lambda node: node.log_evidence)
     notes = (*astrometry.notes, *notes)
     if aberration is not None and "acceleration" not in unknowns:
-        but = f" of all catalogues but {', '.join(fixed)}, whose calibrators are fixed" if fixed else ""
-        taken = f"an acceleration of {aberration.amplitude:.3g} µas/yr is taken from motions and positions"
-        notes = (*notes, f"{taken}{but} (--unknowns orientation,spin,acceleration fits it)")
+        exception = f" of all catalogues but {', '.join(fixed)}, whose calibrators are fixed" if fixed else ""
+        correction = f"an acceleration of {aberration.amplitude:.3g} µas/yr is taken from motions and positions"
+        notes = (*notes, f"{correction}{exception} (--unknowns orientation,spin,acceleration fits it)")
     tie = make_frame_tie(node_list, rows_by_offset[best.excess], prior, parameters, reference_name, notes)
     return replace(tie, fixed=fixed)
 
 
-def _excess_sizes(astrometry, reference):
-    """Sizes of the excess noise that are tried."""
-    mine = (astrometry.catalogue == reference) & astrometry.measured[:, 0]
-    if not mine.any():
+def _list_excess_sizes(astrometry, reference):
+    """List the sizes of the excess noise that are tried, zero first."""
+    is_reference = (astrometry.catalogue == reference) & astrometry.measured[:, 0]
+    if not is_reference.any():
         raise ParameterError(f"an excess noise is of positions, and {reference} has none with errors")
-    unit = float(np.sqrt(np.median(astrometry.covariance[mine][:, [0, 1], [0, 1]])))
-    return [0.0, *(unit * size for size in _EXCESS)]
+    unit = float(np.sqrt(np.median(astrometry.covariance[is_reference][:, [0, 1], [0, 1]])))
+    return [0.0, *(unit * size for size in _EXCESS_SIZES)]
 
 
-def _prior(priors, unknowns):
-    """Prior as a normal matrix and its right-hand side."""
+def _sum_priors(priors, unknowns):
+    """Sum the priors to a normal matrix and its right-hand side."""
     p = len(unknowns.names)
     matrix, rhs = np.zeros((p, p)), np.zeros(p)
     for prior in priors:
@@ -169,39 +169,39 @@ def _prior(priors, unknowns):
                 f"a prior of the {prior.vector} has no magnitude, and the frame that is sought changes with it: say "
                 "that of its sources (magnitude=, a column magnitude of --priors)"
             )
-        a = unknowns.combination(prior.vector, catalogue, prior.magnitude)
-        product = np.linalg.solve(prior.covariance, a)
-        matrix += a.T @ product
+        combination = unknowns.combination(prior.vector, catalogue, prior.magnitude)
+        product = np.linalg.solve(prior.covariance, combination)
+        matrix += combination.T @ product
         rhs += product.T @ prior.value
     return matrix, rhs
 
 
 #: An unknown of an error of more than this is told by rounding alone. [1/µas]
-_TOLD = 1e-12
+_ROUNDING = 1e-12
 
 
 def _check_separable(rows, prior, names, raw):
     """Raise DegeneracyError, with the names, where the sources cannot separate unknowns."""
     matrix = rows.design.T @ rows.design + prior[0]
-    size = np.sqrt(np.diag(matrix))
-    lost = [name for name, length in zip(names, size, strict=True) if not length > _TOLD]
+    roots = np.sqrt(np.diag(matrix))
+    lost = [name for name, root in zip(names, roots, strict=True) if not root > _ROUNDING]
     if not lost:
-        values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
-        if values[0] < _ALIKE or len(rows.rhs) < len(names) - np.linalg.matrix_rank(prior[0]):
-            shares = np.abs(vectors[:, 0])
+        eigenvalues, eigenvectors = np.linalg.eigh(matrix / np.outer(roots, roots))
+        if eigenvalues[0] < _SMALLEST_EIGENVALUE or len(rows.rhs) < len(names) - np.linalg.matrix_rank(prior[0]):
+            shares = np.abs(eigenvectors[:, 0])
             lost = [name for name, share in zip(names, shares, strict=True) if share > 0.1]
     if lost:
         common = raw.n_matched
-        hint = "leave out unknowns or steps, or give priors" if common else raw.how_matched()
+        hint = "leave out unknowns or steps, or give priors" if common else raw.describe_matching()
         raise DegeneracyError(
             f"{len(rows.names)} sources, {common} of them in two catalogues, cannot separate {', '.join(lost)}: {hint}"
         )
 
 
-def _reference(astrometry, reference):
+def _choose_reference(astrometry, reference):
     names = astrometry.catalogues
-    likely = [catalogue for catalogue in names if catalogue.lower().startswith(("vlbi", "icrf"))]
-    name = reference or (likely[0] if len(likely) == 1 else None)
+    candidates = [catalogue for catalogue in names if catalogue.lower().startswith(("vlbi", "icrf"))]
+    name = reference or (candidates[0] if len(candidates) == 1 else None)
     if name not in names:
         reason = f"no catalogue is called {name}" if name else "which of the catalogues is the reference"
         raise ParameterError(f"{reason}: there are {', '.join(names)}; say reference= (--reference)")
@@ -211,7 +211,7 @@ def _reference(astrometry, reference):
 
 
 #: Places that are tried unless given, and how many sources are left to either side.
-_PLACES, _BESIDE = 12, 6
+_N_PLACES, _N_BESIDE = 12, 6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -279,9 +279,9 @@ class StepSearch(FrameResult):
     def interval(self) -> tuple[float, float]:
         """Range of the most probable places with 68 % together, each half way to those beside it."""
         order = np.argsort(-self.probability, kind="stable")
-        indices = order[: np.searchsorted(np.cumsum(self.probability[order]), 0.68) + 1]
+        most_probable = order[: np.searchsorted(np.cumsum(self.probability[order]), 0.68) + 1]
         edges = np.r_[self.places[0], (self.places[1:] + self.places[:-1]) / 2, self.places[-1]]
-        return float(edges[indices.min()]), float(edges[indices.max() + 1])
+        return float(edges[most_probable.min()]), float(edges[most_probable.max() + 1])
 
     def _sections(self, long):
         lower, upper = self.interval
@@ -342,39 +342,39 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
     """
     if "steps" in options:
         raise ParameterError("steps are what is sought: say at which magnitudes with places")
-    magnitudes = _default_places(astrometry) if places is None else np.unique(np.asarray(places, float))
+    magnitudes = _choose_places(astrometry) if places is None else np.unique(np.asarray(places, float))
     if magnitudes.ndim != 1 or len(magnitudes) < 2 or not np.isfinite(magnitudes).all():
         raise ParameterError(f"two magnitudes at least are expected as places of a jump, not {places!r}")
     solutions = [link(astrometry, steps=[float(magnitude)], **options) for magnitude in magnitudes]
     log_determinants = [
-        np.linalg.slogdet(each.jump_covariance(x))[1] for each, x in zip(solutions, magnitudes.tolist(), strict=True)
+        np.linalg.slogdet(tie.jump_covariance(x))[1] for tie, x in zip(solutions, magnitudes.tolist(), strict=True)
     ]
-    evidence = np.array([each.log_evidence for each in solutions]) - np.array(log_determinants) / 2
-    best = solutions[int(evidence.argmax())]
-    each = np.array(
+    log_evidence = np.array([tie.log_evidence for tie in solutions]) - np.array(log_determinants) / 2
+    best = solutions[int(log_evidence.argmax())]
+    p_values = np.array(
         [solution.jump_p_values(magnitude) for solution, magnitude in zip(solutions, magnitudes.tolist(), strict=True)]
     )
-    search_p_values = -np.expm1(len(magnitudes) * np.log1p(-np.minimum(each.min(axis=0), 1 - 1e-16)))
+    search_p_values = -np.expm1(len(magnitudes) * np.log1p(-np.minimum(p_values.min(axis=0), 1 - 1e-16)))
     baseline = link(astrometry, **options)
     best = replace(best, searched=tuple(map(float, search_p_values)))
     return StepSearch(
         places=magnitudes,
-        probability=np.exp(evidence - logsumexp(evidence)),
-        p_values=each[:, 0],
+        probability=np.exp(log_evidence - logsumexp(log_evidence)),
+        p_values=p_values[:, 0],
         p_value=float(search_p_values[0]),
         solution=best,
         whole=baseline,
     )
 
 
-def _default_places(astrometry):
-    """Magnitudes between those of the sources, some of these left to either side."""
+def _choose_places(astrometry):
+    """Choose magnitudes between those of the sources, some of these left to either side."""
     _, rows = np.unique(astrometry.source, return_index=True)
     magnitudes = np.sort(astrometry.magnitude[rows][np.isfinite(astrometry.magnitude[rows])])
-    if len(magnitudes) < 2 * _BESIDE + 2:
+    if len(magnitudes) < 2 * _N_BESIDE + 2:
         raise DegeneracyError(
-            f"{len(magnitudes)} sources with a magnitude are too few to look for a jump among: {2 * _BESIDE + 2} at "
+            f"{len(magnitudes)} sources with a magnitude are too few to look for a jump among: {2 * _N_BESIDE + 2} at "
             "least"
         )
-    at = np.unique(np.linspace(_BESIDE, len(magnitudes) - _BESIDE, _PLACES).astype(int))
-    return np.unique((magnitudes[at - 1] + magnitudes[at]) / 2)
+    splits = np.unique(np.linspace(_N_BESIDE, len(magnitudes) - _N_BESIDE, _N_PLACES).astype(int))
+    return np.unique((magnitudes[splits - 1] + magnitudes[splits]) / 2)

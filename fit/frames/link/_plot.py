@@ -12,7 +12,7 @@ from vsh.tools.types import Axes, AxesArray, OnAxes
 @apply_style
 def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Orientation and spin against magnitude with standard errors, and influence and distance of each source."""
-    vectors = [each for each in ("orientation", "spin") if each in solution.unknowns.vectors]
+    vectors = [vector for vector in ("orientation", "spin") if vector in solution.unknowns.vectors]
     panel_axes = panels(ax, len(vectors) + 1, 1, size=(WIDTH, 2.2 * (len(vectors) + 1)))
     magnitudes = solution.magnitude[np.isfinite(solution.magnitude)]
     lower, upper = (magnitudes.min() - 0.3, magnitudes.max() + 0.3) if magnitudes.size else (10.0, 20.0)
@@ -22,9 +22,9 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
             for start, end in pairwise(edges):
                 # A step belongs to what is fainter.
                 grid = np.linspace(start, np.nextafter(end, -np.inf), 30)
-                each = [solution.vector(vector, float(g)) for g in grid]
-                value = np.array([v.value[k] for v in each])
-                sigma = np.array([v.sigma[k] for v in each])
+                states = [solution.vector(vector, float(g)) for g in grid]
+                value = np.array([v.value[k] for v in states])
+                sigma = np.array([v.sigma[k] for v in states])
                 label = axis if start == edges[0] else None
                 axes.plot(grid, value, color=COLOURS[k], linestyle=("-", "--", "-.")[k], label=label)
                 axes.fill_between(grid, value - sigma, value + sigma, color=COLOURS[k], alpha=0.15, linewidth=0)
@@ -68,9 +68,9 @@ def plot_steps(search: Any, *, ax: Axes | None = None) -> Axes:
 def plot_plan(plan: Any, *, ax: Axes | None = None) -> Axes:
     """Errors of the parameters after each candidate, in those of today."""
     (axes,) = panels(ax, size=(WIDTH, 3.0))
-    number = np.arange(len(plan.candidates) + 1)
+    n_observed = np.arange(len(plan.candidates) + 1)
     for k, name in enumerate(plan.names):
-        axes.plot(number, np.r_[1, plan.sigma[:, k] / plan.before[k]], color=COLOURS[k % len(COLOURS)], label=name)
+        axes.plot(n_observed, np.r_[1, plan.sigma[:, k] / plan.before[k]], color=COLOURS[k % len(COLOURS)], label=name)
     axes.set(xlabel="candidates observed, the best first", ylabel="error, in that of today")
     legend_above(axes, 3)
     return axes

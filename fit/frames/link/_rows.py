@@ -80,79 +80,79 @@ def read_priors(source: Any, magnitude: float | None = None) -> list[LinkPrior]:
     ParameterError
         If a row has an error that is none.
     """
-    if isinstance(source, str | PathLike) and Path(source, _OF_A_FIT).is_file():
-        source = Path(source, _OF_A_FIT)
+    if isinstance(source, str | PathLike) and Path(source, _FIT_VECTORS_FILE).is_file():
+        source = Path(source, _FIT_VECTORS_FILE)
     table = tables.open_table(source)
     if {"x", "sigma_x", "name"} <= {*table.names}:
-        return _priors_of_fit(table, magnitude)
+        return _read_fit_priors(table, magnitude)
     for name in (*"xyz", *(f"{axis}_error" for axis in "xyz")):
         if name not in table.names:
             raise TableError(f"{table.label}: {missing_column(name, table)}")
-    data = {name: _numbers(table, name) for name in table.names if name in _NUMBERS}
-    texts = {name: np.asarray(table.columns((name,))[name][0]).astype(str) for name in _WORDS if name in table.names}
-    n, priors = len(data["x"]), []
+    numbers = {name: _read_numbers(table, name) for name in table.names if name in _NUMBERS}
+    texts = {name: np.asarray(table.columns((name,))[name][0]).astype(str) for name in _TEXTS if name in table.names}
+    n, priors = len(numbers["x"]), []
     vectors, catalogues = texts.get("vector", ["spin"] * n), texts.get("catalogue", [None] * n)
     for row, (vector, catalogue) in enumerate(zip(vectors, catalogues, strict=True)):
         unit = "uas" if vector == "orientation" else "uas / yr"
 
-        def number(name, row=row, unit=unit):
+        def read_number(name, row=row, unit=unit):
             factor = unit_factor(name, table.units.get(name), unit) if name[:1] in "xyz" and "corr" not in name else 1.0
-            return float(data[name][row]) * factor if name in data else 0.0
+            return float(numbers[name][row]) * factor if name in numbers else 0.0
 
-        sigma = np.array([number(f"{axis}_error") for axis in "xyz"])
+        sigma = np.array([read_number(f"{axis}_error") for axis in "xyz"])
         matrix = np.eye(3)
         for name, (i, j) in {"x_y_corr": (0, 1), "x_z_corr": (0, 2), "y_z_corr": (1, 2)}.items():
-            matrix[i, j] = matrix[j, i] = number(name)
-        own = number("magnitude") if "magnitude" in data else np.nan
-        at, name = own if np.isfinite(own) else magnitude, None if catalogue is None else str(catalogue)
-        value = np.array([number(axis) for axis in "xyz"])
-        priors.append(LinkPrior(str(vector), value, matrix * np.outer(sigma, sigma), at, name))
+            matrix[i, j] = matrix[j, i] = read_number(name)
+        own = read_number("magnitude") if "magnitude" in numbers else np.nan
+        row_magnitude, name = own if np.isfinite(own) else magnitude, None if catalogue is None else str(catalogue)
+        value = np.array([read_number(axis) for axis in "xyz"])
+        priors.append(LinkPrior(str(vector), value, matrix * np.outer(sigma, sigma), row_magnitude, name))
     return priors
 
 
-def _priors_of_fit(table, magnitude):
-    """The spin of a fit to motions, from the table of its vectors."""
+def _read_fit_priors(table, magnitude):
+    """Read the spin of a fit to motions as a prior, from the table of its vectors."""
     names = np.asarray(table.columns(("name",))["name"][0]).astype(str)
     if "spin" not in names:
         raise TableError(f"{table.label}: no row is called spin; there are {', '.join(names)}")
     row = int(np.flatnonzero(names == "spin")[0])
 
-    def number(name):
-        return float(_numbers(table, name)[row])
+    def read_number(name):
+        return float(_read_numbers(table, name)[row])
 
     if any(unit_factor(axis, table.units.get(axis), "uas / yr") != 1 for axis in "xyz"):
         raise TableError(f"{table.label}: the spin is not in µas/yr")
-    matrix = np.diag([number(f"sigma_{axis}") ** 2 for axis in "xyz"])
+    matrix = np.diag([read_number(f"sigma_{axis}") ** 2 for axis in "xyz"])
     for name, (i, j) in {"cov_xy": (0, 1), "cov_xz": (0, 2), "cov_yz": (1, 2)}.items():
-        matrix[i, j] = matrix[j, i] = number(name)
+        matrix[i, j] = matrix[j, i] = read_number(name)
     frame = table.meta.get("frame", "icrs")
     if "frame" in table.names:  # a format without metadata says it there
         frame = np.asarray(table.columns(("frame",))["frame"][0]).astype(str)[row]
     turn = rotation_matrix(str(frame), "icrs")
-    value = turn @ np.array([number(axis) for axis in "xyz"])
+    value = turn @ np.array([read_number(axis) for axis in "xyz"])
     return [LinkPrior("spin", value, turn @ matrix @ turn.T, magnitude=_QUASARS if magnitude is None else magnitude)]
 
 
 #: The table of a fit's spin and acceleration, in its folder of results.
-_OF_A_FIT = "vectors.ecsv"
+_FIT_VECTORS_FILE = "vectors.ecsv"
 #: Magnitude of quasars, whose frame may be another one than that of the stars of a link. [G]
 _QUASARS = 20.0
 _NUMBERS = (*"xyz", *(f"{axis}_error" for axis in "xyz"), "x_y_corr", "x_z_corr", "y_z_corr", "magnitude")
-_WORDS = ("vector", "catalogue")
+_TEXTS = ("vector", "catalogue")
 
 
-def _numbers(table, name):
-    """A column, nan where nothing is."""
-    values, mask = table.columns((name,))[name]
-    floats, missing = as_floats(name, values)
-    return np.where(missing if mask is None else missing | np.asarray(mask, bool), np.nan, floats)
+def _read_numbers(table, name):
+    """Read a column as numbers, nan where nothing is."""
+    values, is_masked = table.columns((name,))[name]
+    floats, is_missing = as_floats(name, values)
+    return np.where(is_missing if is_masked is None else is_missing | np.asarray(is_masked, bool), np.nan, floats)
 
 
 _AXES = "xyz"
 #: Vectors that can be unknown: their names, and the unit of each.
 VECTORS = {"orientation": ("epsilon", "µas"), "spin": ("omega", "µas/yr"), "acceleration": ("a", "µas/yr")}
 #: Magnitude from which powers are counted.
-_ZERO = 13.0
+_ZERO_MAGNITUDE = 13.0
 
 
 @dataclass(frozen=True)
@@ -184,10 +184,10 @@ class Unknowns(InNotebook):
 
     def __post_init__(self) -> None:
         """Check what a caller may have mixed up."""
-        wrong = [vector for vector in self.vectors if vector not in VECTORS]
-        if wrong or not self.vectors:
+        unknown = [vector for vector in self.vectors if vector not in VECTORS]
+        if unknown or not self.vectors:
             raise ParameterError(
-                f"unknowns are of {', '.join(VECTORS)}, parallax, not {', '.join(map(str, wrong)) or 'none'}"
+                f"unknowns are of {', '.join(VECTORS)}, parallax, not {', '.join(map(str, unknown)) or 'none'}"
             )
         if len(set(self.steps)) < len(self.steps) or not np.isfinite(self.steps).all():
             raise ParameterError(f"steps are different magnitudes, not {self.steps}")
@@ -200,34 +200,34 @@ class Unknowns(InNotebook):
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters, that of a catalogue before them where several are turned."""
-        return tuple(name for name, _ in self._parameters())
+        return tuple(name for name, _ in self._iterate_parameters())
 
     @property
     def units(self) -> tuple[str, ...]:
         """Units of the parameters, empty for a scale."""
-        return tuple(unit for _, unit in self._parameters())
+        return tuple(unit for _, unit in self._iterate_parameters())
 
-    def _parameters(self):
+    def _iterate_parameters(self):
         """Name and unit of each parameter, in their order."""
         for catalogue in self.turned:
-            before = self._name_prefix(catalogue)
+            prefix = self._make_prefix(catalogue)
             for vector in self.vectors:
                 if vector != "acceleration":
                     for term in self.terms:
-                        yield from ((_name(before, vector, axis, term), VECTORS[vector][1]) for axis in _AXES)
+                        yield from ((_format_name(prefix, vector, axis, term), VECTORS[vector][1]) for axis in _AXES)
         for catalogue in self.turned:
             yield from zip(self.parallax_names(catalogue), ("µas", ""), strict=False)
         if "acceleration" in self.vectors:
-            yield from ((_name("", "acceleration", axis, ""), VECTORS["acceleration"][1]) for axis in _AXES)
+            yield from ((_format_name("", "acceleration", axis, ""), VECTORS["acceleration"][1]) for axis in _AXES)
 
-    def _name_prefix(self, catalogue):
-        """Prefix of the names of a catalogue's parameters."""
+    def _make_prefix(self, catalogue):
+        """Make the prefix of the names of a catalogue's parameters."""
         return f"{catalogue}:" if len(self.turned) > 1 else ""
 
     def parallax_names(self, catalogue: str) -> tuple[str, ...]:
         """Names of zero point and scale of the parallaxes of a `catalogue`; none if they are not unknown."""
-        before = self._name_prefix(catalogue)
-        return (f"{before}parallax_zero", f"{before}parallax_scale") if self.has_parallax_terms else ()
+        prefix = self._make_prefix(catalogue)
+        return (f"{prefix}parallax_zero", f"{prefix}parallax_scale") if self.has_parallax_terms else ()
 
     @property
     def levels(self) -> tuple[tuple[str, float | None], ...]:
@@ -242,7 +242,7 @@ class Unknowns(InNotebook):
         magnitude = np.atleast_1d(np.asarray(magnitude, float))
         gaps = np.where(np.isnan(magnitude), np.nan, 0.0)
         rows = [np.ones(magnitude.shape), *((magnitude >= step) + gaps for step in self.steps)]
-        rows += [(magnitude - _ZERO) ** k for k in range(1, self.order + 1)]
+        rows += [(magnitude - _ZERO_MAGNITUDE) ** k for k in range(1, self.order + 1)]
         return np.array(rows)
 
     def jump(self, vector: str, catalogue: str, step: float) -> FloatArray:
@@ -268,12 +268,12 @@ class Unknowns(InNotebook):
         if magnitude is None:
             values = np.where(np.isnan(values), 0.0, values)
         names = self.names
-        before = self._name_prefix(catalogue)
+        prefix = self._make_prefix(catalogue)
         matrix = np.zeros((3, len(names)))
         terms = self.terms if vector != "acceleration" else ("",)
         for k, axis in enumerate(_AXES):
             for term, value in zip(terms, values, strict=False):
-                name = _name("" if vector == "acceleration" else before, vector, axis, term)
+                name = _format_name("" if vector == "acceleration" else prefix, vector, axis, term)
                 matrix[k, names.index(name)] = value
         return matrix
 
@@ -314,18 +314,18 @@ class Unknowns(InNotebook):
         return design
 
 
-def _name(before, vector, axis, term):
-    """The name of a parameter: what a step adds is a jump, not the value beyond it."""
-    component = f"{before}{VECTORS[vector][0]}_{axis}{term}"
+def _format_name(prefix, vector, axis, term):
+    """Format the name of a parameter: what a step adds is a jump, not the value beyond it."""
+    component = f"{prefix}{VECTORS[vector][0]}_{axis}{term}"
     return f"jump {component}" if term.startswith(" at ") else component
 
 
 #: Singular values of a source's whitened equations below so much of the largest are none.
-_RANK = 1e-9
+_RANK_LIMIT = 1e-9
 #: Positions farther from what was expected than so much are of another source. [rad]
-_FAR = np.radians(1 / 60)
+_FARTHEST = np.radians(1 / 60)
 #: Sources that are eliminated together.
-_TOGETHER = 4096
+_CHUNK_SIZE = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,7 +361,7 @@ class WhitenedDifferences:
         return np.bincount(self.source, minlength=len(self.names))
 
     @property
-    def parts(self) -> list[slice]:
+    def source_slices(self) -> list[slice]:
         """Slices of the differences of each source: they stand together."""
         ends = np.cumsum(self.dims)
         return [slice(end - size, end) for end, size in zip(ends.tolist(), self.dims.tolist(), strict=True)]
@@ -373,7 +373,7 @@ class _GroupDifferences(NamedTuple):
     group: int
     design: FloatArray
     rhs: FloatArray
-    size: float
+    log_determinant: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -408,11 +408,11 @@ class Equations:
         )
         return int((np.bincount(pairs[0]) > 1).sum())
 
-    def how_matched(self) -> str:
+    def describe_matching(self) -> str:
         """Say by what sources are matched, with the first name of each catalogue."""
-        examples = {each: self.data.name[self.data.catalogue == each][0] for each in self.data.catalogues}
-        text = ", ".join(f"{name} in {each}" for each, name in examples.items())
-        return f"sources are matched by name: {text} …"
+        examples = {label: self.data.name[self.data.catalogue == label][0] for label in self.data.catalogues}
+        listed = ", ".join(f"{name} in {label}" for label, name in examples.items())
+        return f"sources are matched by name: {listed} …"
 
     def eliminate_stars(self, excess: float = 0.0, reference: str = "") -> WhitenedDifferences:
         """The differences that are left, with an offset of `excess` between the reference and the others added.
@@ -420,39 +420,39 @@ class Equations:
         The same in all rows of the reference that are of one source, or of one calibrator.
         """
         pieces = [
-            piece for members in self._groups_by_shape for piece in self._eliminate_group(members, excess, reference)
+            piece for members in self._groups_by_shape for piece in self._eliminate_groups(members, excess, reference)
         ]
-        pieces = [each for each in pieces if each.design.size and np.abs(each.design).max() > 0]
-        pieces.sort(key=lambda each: each.group)
+        pieces = [piece for piece in pieces if piece.design.size and np.abs(piece.design).max() > 0]
+        pieces.sort(key=lambda piece: piece.group)
         if not pieces:
             raise DegeneracyError(
                 "no source constrains the frame: none is in two catalogues, and none is a quasar with a motion "
-                f"({self.how_matched()})"
+                f"({self.describe_matching()})"
             )
-        groups = [self.rows[each.group] for each in pieces]
+        groups = [self.rows[piece.group] for piece in pieces]
         return WhitenedDifferences(
-            np.concatenate([each.design for each in pieces]),
-            np.concatenate([each.rhs for each in pieces]),
-            np.repeat(np.arange(len(pieces)), [len(each.rhs) for each in pieces]),
-            tuple(map(self._label, groups)),
-            np.array([self._magnitude(rows) for rows in groups]),
+            np.concatenate([piece.design for piece in pieces]),
+            np.concatenate([piece.rhs for piece in pieces]),
+            np.repeat(np.arange(len(pieces)), [len(piece.rhs) for piece in pieces]),
+            tuple(map(self._format_label, groups)),
+            np.array([self._average_magnitude(rows) for rows in groups]),
             np.array([len(rows) for rows in groups]),
-            float(sum(each.size for each in pieces)),
+            float(sum(piece.log_determinant for piece in pieces)),
         )
 
     @cached_property
     def _groups_by_shape(self):
         """Groups whose rows measure the same, of the same catalogues and sources: their equations have one shape."""
-        mask = self.data.measured
+        measured = self.data.measured
         catalogue = np.unique(self.data.catalogue, return_inverse=True)[1].ravel()
         groups: dict[Any, list[int]] = {}
-        for k, rows in enumerate(self.rows):
-            indices = np.unique(self.source[rows], return_inverse=True)[1] if len(rows) > 1 else np.zeros(1, int)
-            key = mask[rows].tobytes(), catalogue[rows].tobytes(), indices.tobytes()
-            groups.setdefault(key, []).append(k)
-        return [np.array(each[i : i + _TOGETHER]) for each in groups.values() for i in range(0, len(each), _TOGETHER)]
+        for number, rows in enumerate(self.rows):
+            source_numbers = np.unique(self.source[rows], return_inverse=True)[1] if len(rows) > 1 else np.zeros(1, int)
+            key = measured[rows].tobytes(), catalogue[rows].tobytes(), source_numbers.tobytes()
+            groups.setdefault(key, []).append(number)
+        return [np.array(g[i : i + _CHUNK_SIZE]) for g in groups.values() for i in range(0, len(g), _CHUNK_SIZE)]
 
-    def _eliminate_group(self, members, excess, reference):
+    def _eliminate_groups(self, members, excess, reference):
         """Eliminate the true parameters of groups of one shape."""
         data, rows = self.data, np.array([self.rows[k] for k in members])
         keep = data.measured[rows[0]]
@@ -469,39 +469,39 @@ class Equations:
         factor = np.linalg.cholesky(sigma)
         a, y = np.linalg.solve(factor, self.design[rows][:, keep]), self.residual[rows][:, keep]
         y = np.linalg.solve(factor, y[..., None])[..., 0]
-        size = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(1)
-        truth = self._truths(rows)[:, keep]
+        log_determinant = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(1)
+        truth = self._stack_truths(rows)[:, keep]
         length = np.linalg.norm(truth, axis=1, keepdims=True)
         if truth.size:
             u, s, _ = np.linalg.svd(np.linalg.solve(factor, truth / np.where(length > 0, length, 1.0)))
-            is_nonzero = (s > _RANK * s[:, :1]) & (s > 0)
+            is_nonzero = (s > _RANK_LIMIT * s[:, :1]) & (s > 0)
         else:
             u, s, is_nonzero = np.tile(np.eye(m), (n, 1, 1)), np.ones((n, 0)), np.zeros((n, 0), bool)
-        size += np.log(np.where(is_nonzero, s, 1.0)).sum(1)
+        log_determinant += np.log(np.where(is_nonzero, s, 1.0)).sum(1)
         for i, rank in enumerate(is_nonzero.sum(1)):
             null_space = u[i, :, rank:].T
-            yield _GroupDifferences(int(members[i]), null_space @ a[i], null_space @ y[i], float(size[i]))
+            yield _GroupDifferences(int(members[i]), null_space @ a[i], null_space @ y[i], float(log_determinant[i]))
 
-    def _magnitude(self, rows):
-        """Magnitude of a source, or the mean of several."""
+    def _average_magnitude(self, rows):
+        """Average the magnitudes of a source, or of several that stand together."""
         magnitudes = self.data.magnitude[rows][np.isfinite(self.data.magnitude[rows])]
         return magnitudes.mean() if magnitudes.size else np.nan
 
-    def _truths(self, rows):
-        """Derivatives by the true parameters of all sources that stand together, (n, j, 5, 5 s)."""
-        indices = np.unique(self.source[rows[0]], return_inverse=True)[1].ravel()
-        derivatives = np.zeros((*rows.shape, 5, indices.max() + 1, 5))
-        derivatives[:, np.arange(len(indices)), :, indices] = np.moveaxis(self.truth[rows], 1, 0)
+    def _stack_truths(self, rows):
+        """Stack the derivatives by the true parameters of all sources that stand together, (n, j, 5, 5 s)."""
+        source_numbers = np.unique(self.source[rows[0]], return_inverse=True)[1].ravel()
+        derivatives = np.zeros((*rows.shape, 5, source_numbers.max() + 1, 5))
+        derivatives[:, np.arange(len(source_numbers)), :, source_numbers] = np.moveaxis(self.truth[rows], 1, 0)
         return derivatives.reshape(*rows.shape, 5, -1)
 
-    def _label(self, rows):
+    def _format_label(self, rows):
         """The name of a source, or of the first of several and how many more there are."""
         sources = np.unique(self.source[rows])
         name = str(self.data.name[rows[0]])
         return name if len(sources) == 1 else f"{name} and {len(sources) - 1} more"
 
 
-def equations(
+def make_equations(
     data: AstrometryRows,
     unknowns: Unknowns,
     *,
@@ -511,72 +511,72 @@ def equations(
     light_time: bool = True,
 ) -> tuple[Equations, tuple[str, ...]]:
     """Expected parameters of each row from the best-known ones of its source, and what is left; with notes."""
-    number, n = data.source, len(data)
-    order = np.argsort(number, kind="stable")
-    groups = tuple(np.split(order, np.flatnonzero(np.diff(number[order])) + 1))
+    source, n = data.source, len(data)
+    order = np.argsort(source, kind="stable")
+    groups = tuple(np.split(order, np.flatnonzero(np.diff(source[order])) + 1))
     calibrator_groups = _join_by_calibrator(data, groups)
     # The magnitude of a source is that of any of its rows.
-    values = {role: np.full(n, np.nan) for role in ("magnitude", "radial_velocity")}
-    start = np.zeros((5, n))
+    known_columns = {role: np.full(n, np.nan) for role in ("magnitude", "radial_velocity")}
+    best = np.zeros((5, n))
     epoch = np.zeros(n)
     still = np.zeros(n, bool)
     mask = data.measured
     for rows in groups:
-        for role, column in values.items():
-            entries = getattr(data, role)[rows]
-            entries = entries[np.isfinite(entries)]
-            column[rows] = entries[0] if entries.size else np.nan
+        for role, column in known_columns.items():
+            known_values = getattr(data, role)[rows]
+            known_values = known_values[np.isfinite(known_values)]
+            column[rows] = known_values[0] if known_values.size else np.nan
         still[rows] = data.still[rows].any()
         best_row = rows[np.argmax(mask[rows].sum(1) + 0.5 * np.isfinite(data.lon[rows]))]
         if not np.isfinite(data.lon[best_row]):
             raise FieldError(f"no row of {one_line_text(data.name[best_row])} has a position, if without an error")
-        start[0, rows], start[1, rows], epoch[rows] = data.lon[best_row], data.lat[best_row], data.epoch[best_row]
+        best[0, rows], best[1, rows], epoch[rows] = data.lon[best_row], data.lat[best_row], data.epoch[best_row]
         if not still[rows[0]]:
             for k in (2, 3, 4):
-                with_it = rows[np.isfinite(data.values[k, rows])]
-                row = best_row if np.isfinite(data.values[k, best_row]) else with_it[0] if with_it.size else -1
-                start[k, rows] = data.values[k, row] if row >= 0 else 0.0
-    notes = _missing_velocity_note(data, values["radial_velocity"], still)
-    later, jacobian = propagate(
-        start, np.nan_to_num(values["radial_velocity"]), epoch, data.epoch, light_time=light_time
+                known_rows = rows[np.isfinite(data.values[k, rows])]
+                row = best_row if np.isfinite(data.values[k, best_row]) else known_rows[0] if known_rows.size else -1
+                best[k, rows] = data.values[k, row] if row >= 0 else 0.0
+    notes = _note_missing_velocity(data, known_columns["radial_velocity"], still)
+    moved, jacobian = propagate(
+        best, np.nan_to_num(known_columns["radial_velocity"]), epoch, data.epoch, light_time=light_time
     )
-    p, q, r = triad(later[0], later[1])
-    _, _, positions = triad(np.where(mask[:, 0], data.lon, later[0]), np.where(mask[:, 0], data.lat, later[1]))
-    if (np.sum(positions * r, 0) < np.cos(_FAR)).any():
-        bad = np.flatnonzero(np.sum(positions * r, 0) < np.cos(_FAR))
+    p, q, r = triad(moved[0], moved[1])
+    _, _, positions = triad(np.where(mask[:, 0], data.lon, moved[0]), np.where(mask[:, 0], data.lat, moved[1]))
+    if (np.sum(positions * r, 0) < np.cos(_FARTHEST)).any():
+        far = np.flatnonzero(np.sum(positions * r, 0) < np.cos(_FARTHEST))
         raise FieldError(
-            f"positions more than 1' from where the source should be: {len(bad)} ({one_line_text(data.name[bad[0]])} "
-            f"in {data.catalogue[bad[0]]}, row {bad[0]}): names that are given twice, or a wrong epoch or motion"
+            f"positions more than 1' from where the source should be: {len(far)} ({one_line_text(data.name[far[0]])} "
+            f"in {data.catalogue[far[0]]}, row {far[0]}): names that are given twice, or a wrong epoch or motion"
         )
     offsets = [np.sum(axis * positions, 0) / UAS for axis in (p, q)]
-    residual = np.stack([*offsets, data.parallax - later[2], *(data.motion - later[3:])]).T
+    residual = np.stack([*offsets, data.parallax - moved[2], *(data.motion - moved[3:])]).T
     truth = jacobian.copy()
     truth[still, :, 2:] = 0.0
     if parallax and (data.displaced & mask[:, 0]).any():
-        b = earth(data.epoch)
-        factors = -np.stack([np.sum(p * b, 0), np.sum(q * b, 0)])
-        factors[:, ~data.displaced] = 0.0
-        residual[:, :2] -= (factors * later[2]).T
-        truth[:, :2, 2] += factors.T * np.where(still, 0.0, 1.0)[:, None]
-    functions = unknowns.functions(values["magnitude"])
+        earth_place = earth(data.epoch)
+        parallax_factors = -np.stack([np.sum(p * earth_place, 0), np.sum(q * earth_place, 0)])
+        parallax_factors[:, ~data.displaced] = 0.0
+        residual[:, :2] -= (parallax_factors * moved[2]).T
+        truth[:, :2, 2] += parallax_factors.T * np.where(still, 0.0, 1.0)[:, None]
+    functions = unknowns.functions(known_columns["magnitude"])
     design = np.zeros((n, 5, len(unknowns.names)))
     for catalogue in data.catalogues:
         mine = data.catalogue == catalogue
-        design[mine] = unknowns.design(later[0, mine], later[1, mine], data.epoch[mine], functions[:, mine], catalogue)
+        design[mine] = unknowns.design(moved[0, mine], moved[1, mine], data.epoch[mine], functions[:, mine], catalogue)
     if unknowns.has_parallax_terms:
         # The weighted mean of the parallaxes of a source is independent of their differences, unlike each of them.
         weights = np.where(mask[:, 2] & ~still, 1 / data.covariance[:, 2, 2], 0.0)
-        sums = np.bincount(number, weights), np.bincount(number, weights * np.where(mask[:, 2], data.parallax, 0.0))
-        mean = np.divide(sums[1], sums[0], out=np.zeros(len(sums[0])), where=sums[0] > 0)[number]
+        sums = np.bincount(source, weights), np.bincount(source, weights * np.where(mask[:, 2], data.parallax, 0.0))
+        mean = np.divide(sums[1], sums[0], out=np.zeros(len(sums[0])), where=sums[0] > 0)[source]
         for catalogue in unknowns.turned:
             mine = (data.catalogue == catalogue) & mask[:, 2]
             zero, scale = (unknowns.names.index(name) for name in unknowns.parallax_names(catalogue))
             design[mine, 2, zero], design[mine, 2, scale] = 1.0, mean[mine]
     if np.isnan(design).any():
-        lost = data.name[np.isnan(design).any((1, 2))]
+        unknown = data.name[np.isnan(design).any((1, 2))]
         raise FieldError(
-            f"{len(np.unique(lost))} sources have no magnitude, which the frame is to depend on: "
-            f"{one_line_text(lost[0])} for one"
+            f"{len(np.unique(unknown))} sources have no magnitude, which the frame is to depend on: "
+            f"{one_line_text(unknown[0])} for one"
         )
     # Apparent motions follow the acceleration of the Solar System. A catalogue that is fixed to calibrators at an
     # epoch does not: there stars move against it.
@@ -602,9 +602,9 @@ def _join_by_calibrator(data, groups):
     has_calibrator = data.calibrator != ""
     if not has_calibrator.any():
         return groups
-    calibrators, indices = np.unique(data.calibrator[has_calibrator], return_inverse=True)
+    calibrators, calibrator_numbers = np.unique(data.calibrator[has_calibrator], return_inverse=True)
     graph = coo_array(
-        (np.ones(int(has_calibrator.sum())), (data.source[has_calibrator], indices.ravel())),
+        (np.ones(int(has_calibrator.sum())), (data.source[has_calibrator], calibrator_numbers.ravel())),
         shape=(len(groups), len(calibrators)),
     ).tocsr()
     _, components = connected_components(graph @ graph.T, directed=False)
@@ -614,8 +614,8 @@ def _join_by_calibrator(data, groups):
     )
 
 
-def _missing_velocity_note(data, velocity, still):
-    """A note on fast stars near us whose radial velocity is not known."""
+def _note_missing_velocity(data, velocity, still):
+    """Note fast stars near us whose radial velocity is not known."""
     with np.errstate(invalid="ignore"):
         # Perspective acceleration of 50 km/s over twenty years, 2 µ v ϖ t / A. [µas/yr]
         change = np.hypot(*data.motion) * 50 * data.parallax * UAS * 2 * 20 / AU_PER_YEAR

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp
 
-from fit.frames.link._likelihood import NORMAL, Node, Tails, combine_nodes, influence_of
-from fit.frames.link._rows import VECTORS, Unknowns, WhitenedDifferences, equations
+from fit.frames.link._likelihood import NORMAL, Node, Tails, combine_nodes, estimate_influence
+from fit.frames.link._rows import VECTORS, Unknowns, WhitenedDifferences, make_equations
 from fit.frames.results import FrameResult
 from fit.results.quality import SEEN, f_p_value, hint_of
 from fit.results.solution import NamedSolution
@@ -28,7 +28,7 @@ from vsh.tools.types import Axes, AxesArray, FloatArray, IntArray, OnAxes, Table
 from vsh.vector import Vector
 
 #: Sources that the report lists, of the most doubtful and of the most influential.
-_LISTED = 8
+_MOST_LISTED = 8
 #: A source that moves a parameter by more than so many errors is said to.
 _HEAVY = 2.0
 
@@ -115,10 +115,10 @@ class FrameTie(FrameResult, NamedSolution):
             raise ParameterError(
                 f"the {name} of {catalogue_name} was not sought: {', '.join(self.unknowns.vectors)} were"
             )
-        a = self.unknowns.combination(name, catalogue_name, magnitude)
-        covariance = a @ self.covariance @ a.T
+        combination = self.unknowns.combination(name, catalogue_name, magnitude)
+        covariance = combination @ self.covariance @ combination.T
         covariance = (covariance + covariance.T) / 2  # of large variances that a prior cancels, rounding is left
-        return Vector(a @ self.values, covariance, self.frame, VECTORS[name][1])
+        return Vector(combination @ self.values, covariance, self.frame, VECTORS[name][1])
 
     def jump(self, step: float, vector: str = "spin", catalogue: str | None = None) -> tuple[Vector, float]:
         """The jump at a magnitude, and the probability of as large a one by chance.
@@ -168,11 +168,11 @@ class FrameTie(FrameResult, NamedSolution):
         """The vectors that jump at a step."""
         return [vector for vector in self.unknowns.vectors if vector != "acceleration"]
 
-    def _combine_and_test(self, a):
-        """A combination of the parameters, its covariance, and the probability of as much by chance."""
-        value, covariance = a @ self.values, a @ self.covariance @ a.T
-        size = value @ np.linalg.solve(covariance, value)
-        return value, covariance, f_p_value(float(size), len(a), self.dof)
+    def _combine_and_test(self, combination):
+        """Compute a combination of the parameters, its covariance, and the probability of as much by chance."""
+        value, covariance = combination @ self.values, combination @ self.covariance @ combination.T
+        chi2 = value @ np.linalg.solve(covariance, value)
+        return value, covariance, f_p_value(float(chi2), len(combination), self.dof)
 
     def model(self, field: Field) -> FloatArray:
         """The motions by which the first catalogue turns at the sources of a field, (2, n). [µas/yr]
@@ -242,15 +242,15 @@ class FrameTie(FrameResult, NamedSolution):
             facts.append(("offset", f"{self.excess:.3g} µas a coordinate, of positions of {self.reference}"))
         if "spin" in unknowns.vectors and re.search("gaia|dr3", catalogues, re.IGNORECASE):
             facts += self._quote_published_spin()
-        facts += self._level_facts(long)
+        facts += self._list_level_facts(long)
         if long:
             share = np.mean(self.with_more(10) / self.sigma)
             facts.append(("10 more sources", f"like these would give {share:.2f} of these errors"))
         table = None if unknowns.steps and not long else self.to_table()  # else the levels say it in fewer lines
-        remarks = self._influence_remarks()
+        remarks = self._write_influence_remarks()
         title, columns = f"{catalogues} against {self.reference}", ("parameter", "value", "sigma", "unit")
         section = Section(title, facts, table, columns, remarks=remarks, notes=self.notes)
-        return (section, *(self._by_source() if long else ()))
+        return (section, *(self._make_source_sections() if long else ()))
 
     def _quote_published_spin(self):
         """Quote the spin that was published of the bright ones among these sources; nothing where none is bright."""
@@ -263,28 +263,28 @@ class FrameTie(FrameResult, NamedSolution):
             ("published", f"spin ({spin}) µas/yr of (E)DR3 at G = {middle:.1f}, {words} (Cantat-Gaudin & Brandt 2021)")
         ]
 
-    def _influence_remarks(self):
-        """Sentences on probable outliers, and on sources that the answer hangs on."""
-        several = int(np.sum(self.outlier > 0.5))
-        order = np.argsort(-self.outlier, kind="stable")[:several]
-        lines = []
-        if several:
-            names = ", ".join(one_line_text(self.sources[i]) for i in order[:_LISTED])
-            lines.append(
-                f"Probable outliers (errors more than three times as large): {several} of {len(self.sources)}: {names}."
+    def _write_influence_remarks(self):
+        """Write sentences on probable outliers, and on sources that the answer hangs on."""
+        count = int(np.sum(self.outlier > 0.5))
+        order = np.argsort(-self.outlier, kind="stable")[:count]
+        remarks = []
+        if count:
+            names = ", ".join(one_line_text(self.sources[i]) for i in order[:_MOST_LISTED])
+            remarks.append(
+                f"Probable outliers (errors more than three times as large): {count} of {len(self.sources)}: {names}."
             )
         largest = np.abs(self.influence).max(1)
         heavy = [one_line_text(self.sources[i]) for i in np.argsort(-largest, kind="stable") if largest[i] > _HEAVY]
         if heavy:
-            lines.append(
+            remarks.append(
                 f"warning: {', '.join(heavy[:3])} alone move{'s' * (len(heavy) == 1)} a parameter by more than "
                 f"{_HEAVY:g} of its errors: with errors that are too small the whole answer is theirs"
             )
-        return lines
+        return remarks
 
-    def _by_source(self):
-        """The sources that are most probably outliers, and those with most influence, a section each."""
-        outliers = np.argsort(-self.outlier, kind="stable")[: max(int(np.sum(self.outlier > 0.5)), 3)][:_LISTED]
+    def _make_source_sections(self):
+        """Make sections of the sources that are most probably outliers, and of those with most influence."""
+        outliers = np.argsort(-self.outlier, kind="stable")[: max(int(np.sum(self.outlier > 0.5)), 3)][:_MOST_LISTED]
         columns = {
             "source": [one_line_text(self.sources[i]) for i in outliers],
             "probability": self.outlier[outliers],
@@ -311,7 +311,7 @@ class FrameTie(FrameResult, NamedSolution):
         at = f", brighter than {min(steps):.4g} mag" if steps else ", at G = 13" if powers else ""
         several = len(self.unknowns.turned) > 1
         lines = [
-            (f"{name}, {catalogue}" if several else name, f"{self._in_words(name, catalogue)} ({catalogue}{at})")
+            (f"{name}, {catalogue}" if several else name, f"{self._format_vector(name, catalogue)} ({catalogue}{at})")
             for catalogue in self.unknowns.turned
             for name in ("orientation", "spin")
             if name in self.unknowns.vectors
@@ -327,7 +327,7 @@ class FrameTie(FrameResult, NamedSolution):
         for step in steps:
             p_value, *p_values = self.jump_p_values(step)
             phrases = [
-                f"{vector} {self._jump_text(step, vector) if p < SEEN else 'not detected'} (p = {printed_p_value(p)})"
+                f"{vector} {self._format_jump(step, vector) if p < SEEN else 'not detected'} (p = {printed_p_value(p)})"
                 for vector, p in zip(self._jumping_vectors, p_values, strict=True)
             ]
             # One of two vectors can be detected where both together are not: a hint would contradict it.
@@ -336,11 +336,11 @@ class FrameTie(FrameResult, NamedSolution):
                 phrases.append(f"both together p = {printed_p_value(p_value)}{hint and f' ({hint})'}")
             remark = "; p-values allow for all places" if self.searched else ""
             lines.append((f"jump at {step:.4g}", ", ".join(phrases) + remark))
-        errors = f"{self._tails_text()}, times {self.scale:.3g}: from the residuals of {len(self.sources)} sources"
+        errors = f"{self._format_tails()}, times {self.scale:.3g}: from the residuals of {len(self.sources)} sources"
         return Answer((*lines, ("errors", errors)))
 
-    def _jump_text(self, step, vector):
-        """The jump of a vector at a step, by its components where there is one catalogue."""
+    def _format_jump(self, step, vector):
+        """Format the jump of a vector at a step, by its components where there is one catalogue."""
         if len(self.unknowns.turned) > 1:
             return "detected"
         jump = self.jump(step, vector)[0]
@@ -379,10 +379,10 @@ class FrameTie(FrameResult, NamedSolution):
         if self.searched:
             return self.searched
         groups = [None, *([vector] for vector in self._jumping_vectors)]
-        return tuple(self._combine_and_test(self._jump_combinations(step, each))[2] for each in groups)
+        return tuple(self._combine_and_test(self._jump_combinations(step, group))[2] for group in groups)
 
-    def _level_facts(self, long):
-        """The value of each vector between the steps, and the p-values of the jumps."""
+    def _list_level_facts(self, long):
+        """List the value of each vector between the steps, and the p-values of the jumps."""
         facts, unknowns = [], self.unknowns
         for catalogue in unknowns.turned if unknowns.steps else ():
             for vector in self._jumping_vectors:
@@ -400,7 +400,7 @@ class FrameTie(FrameResult, NamedSolution):
             facts.append((f"p-values of no jump at {step:.4g} mag, {remark}", ", ".join(phrases)))
         return facts
 
-    def _in_words(self, name, catalogue):
+    def _format_vector(self, name, catalogue):
         vector = self.vector(name, catalogue=catalogue)
         p = self._combine_and_test(self.unknowns.combination(name, catalogue))[2]
         if p < SEEN:
@@ -422,10 +422,10 @@ class FrameTie(FrameResult, NamedSolution):
                 table.meta[f"p_value_jump_{step:g}{name}"] = p
         return table
 
-    def _tails_text(self):
+    def _format_tails(self):
         nu, share = self.tails.nu, self.tails.share
-        text = "normal" if nu > 1e5 else f"Student's t, ν = {nu:g}"
-        return text + (f", {100 * share:.0f} % outliers with errors {self.tails.times:g} times larger" if share else "")
+        law = "normal" if nu > 1e5 else f"Student's t, ν = {nu:g}"
+        return law + (f", {100 * share:.0f} % outliers with errors {self.tails.times:g} times larger" if share else "")
 
     def sources_table(self) -> Table:
         """A row for each source: magnitude, rows, distance, probability of an outlier, influence; an astropy Table."""
@@ -444,7 +444,7 @@ class FrameTie(FrameResult, NamedSolution):
 
 
 def make_frame_tie(
-    listed: Sequence[Node],
+    nodes: Sequence[Node],
     rows: WhitenedDifferences,
     prior: tuple[FloatArray, FloatArray],
     unknowns: Unknowns,
@@ -452,25 +452,25 @@ def make_frame_tie(
     notes: tuple[str, ...],
 ) -> FrameTie:
     """The solution of nodes of the likelihood, with what each source has to do with it."""
-    values, covariance, share = combine_nodes(listed)
-    best = listed[int(np.argmax(share))]
-    outlier = np.sum([w * node.outlier for w, node in zip(share, listed, strict=True)], axis=0)
+    values, covariance, probabilities = combine_nodes(nodes)
+    best = nodes[int(np.argmax(probabilities))]
+    outlier = np.sum([w * node.outlier for w, node in zip(probabilities, nodes, strict=True)], axis=0)
     d = rows.dims
     residuals = rows.rhs - rows.design @ values
-    size = np.bincount(rows.source, residuals**2, minlength=len(d))
-    influence = influence_of(listed, share, rows, prior, values) / np.sqrt(np.diag(covariance))
+    chi2 = np.bincount(rows.source, residuals**2, minlength=len(d))
+    influence = estimate_influence(nodes, probabilities, rows, prior, values) / np.sqrt(np.diag(covariance))
     information = (np.linalg.inv(covariance) - prior[0]) / len(d)
     return FrameTie(
-        names=unknowns.names, values=values, covariance=covariance, chi2=float(size.sum()), n_data=len(rows.rhs),
+        names=unknowns.names, values=values, covariance=covariance, chi2=float(chi2.sum()), n_data=len(rows.rhs),
         frame="icrs", notes=notes, unknowns=unknowns, reference=reference, sources=rows.names, magnitude=rows.magnitude,
-        rows=rows.rows, distances=np.sqrt(size / d), outlier=outlier, influence=influence, tails=best.tails,
+        rows=rows.rows, distances=np.sqrt(chi2 / d), outlier=outlier, influence=influence, tails=best.tails,
         scale=best.scale, excess=best.excess, information=information,
-        log_evidence=float(logsumexp([node.evidence for node in listed])),
+        log_evidence=float(logsumexp([node.log_evidence for node in nodes])),
     )  # fmt: skip
 
 
 #: How many candidates a short report lists.
-_PLANNED = 8
+_MOST_PLANNED = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -502,7 +502,7 @@ class LinkPlan(Result):
 
     def _sections(self, long):
         today = ", ".join(f"{name} {error:.3g}" for name, error in zip(self.names, self.before, strict=True))
-        rows = range(len(self.candidates) if long else min(_PLANNED, len(self.candidates)))
+        rows = range(len(self.candidates) if long else min(_MOST_PLANNED, len(self.candidates)))
         facts, forms = [("errors today", today)], {"gain": ".3f"}
         return (Section("What to observe next", facts, self.to_table(), rows=rows, forms=forms),)
 
@@ -549,21 +549,21 @@ def forecast(solution: FrameTie, candidates: AstrometryRows) -> LinkPlan:
     and scale) is that found in `solution`, averaged over simulated skies.
     """
     fixed = {name: epoch for name, epoch in solution.fixed.items() if name in candidates.catalogues}
-    raw, _ = equations(candidates, solution.unknowns, fixed=fixed, aberration=None)
+    raw, _ = make_equations(candidates, solution.unknowns, fixed=fixed, aberration=None)
     rows = raw.eliminate_stars(solution.excess, solution.reference)
     tails, d = solution.tails, rows.dims
     ratio = (1 - tails.share) * (tails.nu + d) / (tails.nu + d + 2) / solution.scale**2
-    blocks = [weight * rows.design[mine].T @ rows.design[mine] for weight, mine in zip(ratio, rows.parts, strict=True)]
+    information = [w * rows.design[s].T @ rows.design[s] for w, s in zip(ratio, rows.source_slices, strict=True)]
     matrix = np.linalg.inv(solution.covariance)
-    remainder = list(range(len(blocks)))
+    remaining = list(range(len(information)))
     order, gains, sigmas = [], [], []
-    while remainder:
-        now = np.linalg.slogdet(matrix)[1]
-        gain = np.array([np.linalg.slogdet(matrix + blocks[i])[1] - now for i in remainder]) / 2
+    while remaining:
+        log_det = np.linalg.slogdet(matrix)[1]
+        gain = np.array([np.linalg.slogdet(matrix + information[i])[1] - log_det for i in remaining]) / 2
         best = int(gain.argmax())
-        order.append(remainder.pop(best))
+        order.append(remaining.pop(best))
         gains.append(gain[best])
-        matrix = matrix + blocks[order[-1]]
+        matrix = matrix + information[order[-1]]
         sigmas.append(np.sqrt(np.diag(np.linalg.inv(matrix))))
     return LinkPlan(
         solution.names, tuple(rows.names[i] for i in order), np.array(gains), np.array(sigmas), solution.sigma

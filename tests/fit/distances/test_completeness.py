@@ -9,7 +9,7 @@ from conftest import few_or_many
 
 import sim
 from fit.distances import calibrate
-from fit.distances._density import absolute_magnitude_histogram, completeness_deviate, find_completeness_limit
+from fit.distances._density import compute_completeness_deviate, count_absolute_magnitudes, find_completeness_limit
 from fit.secular_parallax import observer_velocity
 from vsh import Field
 from vsh.models.cosmology import distance_modulus, transverse_distance
@@ -40,7 +40,7 @@ def galaxies(seed, n=1500, softness=0.0):
 
 def table(field):
     modulus = distance_modulus(transverse_distance(field.redshift), field.redshift)
-    return absolute_magnitude_histogram(field.magnitude, modulus)
+    return count_absolute_magnitudes(field.magnitude, modulus)
 
 
 @few_or_many(12, 100)
@@ -48,7 +48,7 @@ def test_deviate_of_complete_samples_is_normal(n_skies):
     deviates = []
     for seed in range(n_skies):
         field = galaxies(seed)
-        deviates.append(completeness_deviate(table(field), field.magnitude.max()))
+        deviates.append(compute_completeness_deviate(table(field), field.magnitude.max()))
     assert abs(np.mean(deviates)) < 0.5 + 3 / np.sqrt(n_skies)
     assert np.std(deviates) < 1.0 + 2.5 / np.sqrt(2 * n_skies)
     assert min(deviates) > -3.5

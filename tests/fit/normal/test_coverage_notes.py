@@ -35,7 +35,7 @@ def test_parts_have_the_warnings_of_the_whole(case, monkeypatch):
 @pytest.mark.parametrize("kind", ["numbers", "text"])
 @pytest.mark.parametrize("most", [4_000_000, 400])
 def test_sources_in_two_parts_are_told_of(kind, most, monkeypatch):
-    monkeypatch.setattr(_coverage, "_NAMES", most)
+    monkeypatch.setattr(_coverage, "_MAX_NAMES", most)
     field = random_field(3000, 1)
     names = 6_917_528_997_577_384_320 + 7 * np.arange(3000)
     names = names if kind == "numbers" else names.astype(str)

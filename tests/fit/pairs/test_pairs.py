@@ -10,8 +10,8 @@ from scipy.stats import ncx2
 
 import sim
 from fit import pairs
-from fit.pairs._correlation import _limits
-from fit.pairs._sums import _cross_terms, covariance_of, sums_of
+from fit.pairs._correlation import _compute_limits
+from fit.pairs._sums import _compute_cross_terms, find_covariance, sum_pairs
 from vsh import Coefficients, Field, FieldError, ParameterError
 from vsh.io.parts import as_parts
 from vsh.models.covariance import Spectrum, d_plus, wave_fractions
@@ -136,19 +136,19 @@ def test_errors_of_motions_that_neighbours_share():
 
 def test_pairs_of_blocks_add_up_to_the_whole():
     field = noisy(400)
-    total, blocks, _, _ = sums_of(field, 20, 1, None, None)
+    total, blocks, _, _ = sum_pairs(field, 20, 1, None, None)
     plus, minus, weight = np.ones((1, 20)), np.zeros((1, 20)), np.zeros((1, 21))
-    assert _cross_terms(blocks, plus, minus, weight).sum() == pytest.approx(total.spectra[0].sum(), rel=1e-10)
-    assert np.isnan(covariance_of(blocks[:3], plus, minus, weight)).all()
+    assert _compute_cross_terms(blocks, plus, minus, weight).sum() == pytest.approx(total.spectra[0].sum(), rel=1e-10)
+    assert np.isnan(find_covariance(blocks[:3], plus, minus, weight)).all()
 
 
 def test_jackknife_sums_are_zero_for_all_sources(monkeypatch):
     """Of each estimate, what blocks and pairs of them have more than it expects adds up to nothing."""
     seen = []
-    monkeypatch.setattr("fit.pairs._correlation.covariance_of", lambda *arguments: seen.append(arguments) or np.eye(2))
+    monkeypatch.setattr("fit.pairs._correlation.find_covariance", lambda *arguments: seen.append(arguments) or np.eye(2))
     with contextlib.suppress(ValueError, ParameterError):
         pairs.correlation_function(noisy(400), WIDE, lmax=40)
-    between = _cross_terms(*seen[0])
+    between = _compute_cross_terms(*seen[0])
     assert np.abs(between.sum((1, 2))).max() < 1e-9 * np.abs(between).sum((1, 2)).max()
 
 
@@ -257,16 +257,16 @@ def test_limits_of_templates_invert_the_chance_of_squares():
         for power in (0.5, 20.0):
             s2 = 1.7
             sigma = np.sqrt(2 * k * s2**2 + 4 * s2 * power)
-            low, high = _limits(power, sigma, k, 0.025, np.inf)
+            low, high = _compute_limits(power, sigma, k, 0.025, np.inf)
             assert_allclose(ncx2.cdf(power / s2 + k, k, high / s2), 0.025, rtol=0.02)
             if low > 0:
                 assert_allclose(ncx2.sf(power / s2 + k, k, low / s2), 0.025, rtol=0.02)
-    assert _limits(-4.0, 3.0, 3.0, 0.025, 40.0)[0] == 0.0
+    assert _compute_limits(-4.0, 3.0, 3.0, 0.025, 40.0)[0] == 0.0
     # Of thousands of effective sources and a strong signal, where scipy's function is nan below 1e-28.
     for k, power in ((13.0, 10.0), (35.0, 3.0), (35.0, 30.0)):
-        known, thousands = (_limits(power, 1.0, k, 0.025, dof) for dof in (np.inf, 1e4))
+        known, thousands = (_compute_limits(power, 1.0, k, 0.025, dof) for dof in (np.inf, 1e4))
         assert_allclose(thousands, known, rtol=1e-12)  # 10⁴ is where the degrees of freedom are taken as all
-        assert_allclose(thousands, _limits(power, 1.0, k, 0.025, 3e3), rtol=0.02)
+        assert_allclose(thousands, _compute_limits(power, 1.0, k, 0.025, 3e3), rtol=0.02)
 
 
 @pytest.mark.slow

@@ -68,7 +68,7 @@ def test_half_hold_half(binaries):
 def test_slopes_of_the_likelihood(tails):
     """Weight and curvature of a source are derivatives of ln of its density by χ²."""
     d, size, step = np.array([2, 5, 5, 8]), np.array([1.0, 4.0, 60.0, 900.0]), 1e-3
-    low, middle, high = (tails.logs(size + k * step, d, 0.8) for k in (-1, 0, 1))
+    low, middle, high = (tails.compute_log_density(size + k * step, d, 0.8) for k in (-1, 0, 1))
     assert np.allclose(middle[1], -2 * (high[0] - low[0]) / (2 * step), rtol=1e-6)
     assert np.allclose(middle[2], 2 * (high[1] - low[1]) / (2 * step), rtol=1e-6)
 
