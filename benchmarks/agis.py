@@ -84,7 +84,7 @@ def carlo(n=10_000, draws=200):
         found = []
         for seed in range(draws):
             solution = made.solve(*agis.observations(made.scans, [9, seed]), stop=0.02)
-            found.append(fit.of(solution.sources[..., None])[3:, 0])
+            found.append(fit.compute_coefficients(solution.sources[..., None])[3:, 0])
         scatter, formal = np.mean(np.square(found), axis=0), np.diag(fit.formal)[3:]
         print(f"{name}: scatter/formal {np.sqrt(scatter.sum() / formal.sum()):.3f} ± {np.sqrt(scatter.sum() / formal.sum()) / np.sqrt(6 * draws):.3f}"
               f" ({draws} draws), exact {np.sqrt(np.trace(exact) / formal.sum()):.3f}", flush=True)  # fmt: skip
@@ -231,7 +231,7 @@ def paper(n=20_000, draws=100):
             observed = agis.observations(known.scans, rng, variability=variability)
             about = 10.0 * rng.standard_normal((known.coefficients, 3))
             solution = known.solve(*observed, known=about, iterations=4, stop=None)
-            found.append(fit.of(solution.sources[..., None])[3:, 0])
+            found.append(fit.compute_coefficients(solution.sources[..., None])[3:, 0])
         formal, scatter = size(fit.formal[3:, 3:]), size(np.mean([np.outer(x, x) for x in found], axis=0))
         exact = size(known.covariance_of(g, variability=variability))
         solved, _ = system(n, sky)
@@ -273,7 +273,7 @@ def level(n=5000, degree=6):
             below = (flat @ (coarse @ (flat.T @ r.reshape(5 * n, -1)))).reshape(r.shape)
             return made.precondition(r) + below
 
-    g = made._seen(MotionFit(made, Modes(1), np.flatnonzero(quasars)).functionals([3]))
+    g = made._remove_null_space(MotionFit(made, Modes(1), np.flatnonzero(quasars)).functionals([3]))
     for name, equations in (("one level", made), ("two levels", Second)):
         work, start = Iteration(equations, g), time.process_time()
         steps = 0

@@ -73,14 +73,14 @@ def unfinished():
             track = []
             system.solve(
                 *agis.observations(system.scans, [4, seed]), start=start, attitude=attitude, first=first, iterations=160, stop=None,
-                watch=lambda _, x, track=track: track.append(fit.of(x[..., None])[3:, 0] / sigma),
+                watch=lambda _, x, track=track: track.append(fit.compute_coefficients(x[..., None])[3:, 0] / sigma),
             )  # fmt: skip
             tracks.append(track)
         tracks, quiet = np.array(tracks), []
         # The start alone, without noise: what all draws have in common.
         system.solve(
             *np.zeros((2, len(system.scans))), start=start, attitude=attitude, first=first, iterations=160, stop=None,
-            watch=lambda _, x, quiet=quiet: quiet.append(fit.of(x[..., None])[3:, 0] / sigma),
+            watch=lambda _, x, quiet=quiet: quiet.append(fit.compute_coefficients(x[..., None])[3:, 0] / sigma),
         )  # fmt: skip
         bias = np.linalg.norm(quiet, axis=1)
         scatter = np.sqrt(np.mean(tracks.var(axis=0, ddof=1), axis=1))

@@ -70,8 +70,8 @@ def gaia_errors(magnitude: ArrayLike, release: Release = "DR3") -> FloatArray:
 
 __all__ = ["Astrometry", "solve_astrometry"]
 
-#: Knots of the attitude, whose error all sources seen in between share. [yr]
-KNOT = 30.0 / (365.25 * 86400)
+#: Time between knots of the attitude, whose error all sources seen in between share. [yr]
+KNOT_INTERVAL = 30.0 / (365.25 * 86400)
 PARAMETERS = ("ra", "dec", "parallax", "pmra", "pmdec")
 #: A source is solved if it has more transits than parameters, and its normal matrix is no worse conditioned.
 LEAST_EIGENVALUE = 1e-6
@@ -109,7 +109,7 @@ def smallest_eigenvalue(matrix: FloatArray) -> FloatArray:
     return np.linalg.eigvalsh(matrix / (scale[..., :, None] * scale[..., None, :]))[..., 0]
 
 
-def errors_of(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+def sigma_and_rho(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Standard errors, (2, n), and correlations, (n,), of covariances, (n, 2, 2)."""
     sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
     return sigma, covariance[:, 0, 1] / (sigma[0] * sigma[1])
@@ -154,7 +154,7 @@ def solve_astrometry(
         east, north = (markov_chain(transits.time, variability.sigma, variability.tau, rng, source) for _ in range(2))
         noise += east * design[0] + north * design[1]
     if attitude is not None:
-        noise += attitude[np.minimum((transits.time / KNOT).astype(int), len(attitude) - 1)]
+        noise += attitude[np.minimum((transits.time / KNOT_INTERVAL).astype(int), len(attitude) - 1)]
 
     counts = transits.counts(n)
     normal, rhs = np.empty((n, 5, 5)), np.empty((n, 5))
@@ -163,9 +163,9 @@ def solve_astrometry(
         for j in range(i + 1):
             normal[:, i, j] = normal[:, j, i] = np.bincount(source, design[i] * design[j], n)
     # A solution wants more transits than parameters, and scans in more than one direction.
-    good = (counts > 5) & (smallest_eigenvalue(normal) > LEAST_EIGENVALUE)
+    is_solved = (counts > 5) & (smallest_eigenvalue(normal) > LEAST_EIGENVALUE)
     inverse = np.full((n, 5, 5), np.nan)
-    inverse[good] = np.linalg.inv(normal[good])
+    inverse[is_solved] = np.linalg.inv(normal[is_solved])
     errors = np.einsum("nij,nj->ni", inverse, rhs)
     covariance = inverse * error[:, None, None] ** 2
     if quote_variability and variability is not None:
@@ -200,10 +200,10 @@ def _variability_covariance(inverse, design, transits, variability, n):
     covariances = np.zeros((n, 5, 5))
     bounds = np.searchsorted(transits.source, np.arange(n + 1))
     for k, (begin, end) in enumerate(pairwise(bounds)):
-        pseudo = inverse[k] @ design[:, begin:end]
+        pseudoinverse = inverse[k] @ design[:, begin:end]
         angle = transits.angle[begin:end]
         c = variability.covariance(transits.time[begin:end]) * np.cos(np.subtract.outer(angle, angle))
-        covariances[k] = pseudo @ c @ pseudo.T
+        covariances[k] = pseudoinverse @ c @ pseudoinverse.T
     return covariances
 
 

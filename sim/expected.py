@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim.astrometry import COMPONENTS, errors_of, expected_solution_covariances, solve_astrometry
+from sim.astrometry import COMPONENTS, expected_solution_covariances, sigma_and_rho, solve_astrometry
 from sim.mission import Mission, as_mission
 from sim.population import Population
 from sim.scanning import NominalScanningLaw
@@ -81,12 +81,12 @@ def expected_covariances(
         return np.zeros((0, 2, 2)), np.zeros((0, 2, 2))
     error = mission.transit_error(population.magnitude, excess_noise)
 
-    def of_block(chunk, transits):
+    def compute_block(chunk, transits):
         return expected_solution_covariances(
             transits, error[chunk], years=mission.years, variability=variability, attitude=float(mission.attitude)
         )
 
-    covariances = mission.scanning_law.map_transits(of_block, population.lon, population.lat, threads, progress)
+    covariances = mission.scanning_law.map_transits(compute_block, population.lon, population.lat, threads, progress)
     formal, true = (np.concatenate(blocks)[:, columns, columns] for blocks in zip(*covariances, strict=True))
     return formal, true
 
@@ -139,7 +139,7 @@ def errors_by_place(
             f"{lost.sum()} of {lost.size} sources have too few transits for five parameters in {mission.years:g} years:"
             " a longer mission (years=) gives all of them errors"
         )
-    unit, rho = errors_of(covariance)
+    unit, rho = sigma_and_rho(covariance)
     return mission.transit_error(magnitude) * unit, rho
 
 
@@ -175,7 +175,7 @@ def scan_maps(
     counts = transits.counts(lon.size).astype(float)
     maps = {"transits": counts}
     for k in range(1, 5):
-        for name, of in (("cos", np.cos), ("sin", np.sin)):
-            total = np.bincount(transits.source, of(k * transits.angle), lon.size)
+        for name, function in (("cos", np.cos), ("sin", np.sin)):
+            total = np.bincount(transits.source, function(k * transits.angle), lon.size)
             maps[f"{name} {k}ψ"] = np.divide(total, counts, out=np.full(lon.size, np.nan), where=counts > 0)
     return maps

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim.astrometry import KNOT, RELEASES, errors_of_unit_transits, parallax_error
+from sim.astrometry import KNOT_INTERVAL, RELEASES, errors_of_unit_transits, parallax_error
 from sim.scanning import NominalScanningLaw
 from vsh.tools import arguments
 from vsh.tools.errors import FrameError, ParameterError
@@ -95,8 +95,8 @@ class Mission(InNotebook):
         """
         if magnitude is None:
             raise ParameterError("errors of transits go by magnitude, and these sources have none")
-        of_points = parallax_error(magnitude, self.release) / errors_of_unit_transits(self.scanning_law)[2]
-        return np.hypot(of_points, excess_noise)
+        point_error = parallax_error(magnitude, self.release) / errors_of_unit_transits(self.scanning_law)[2]
+        return np.hypot(point_error, excess_noise)
 
     def attitude_noise(self, rng: Rng) -> FloatArray | None:
         """Error of the attitude in every interval between knots, (k,) [µas], by `rng`; None where it has none.
@@ -108,7 +108,7 @@ class Mission(InNotebook):
         """
         if isinstance(self.attitude, str):
             raise ParameterError("an attitude that is solved has no noise of its own: it is that of the solution")
-        n_intervals = int(np.ceil(self.years / KNOT)) + 1
+        n_intervals = int(np.ceil(self.years / KNOT_INTERVAL)) + 1
         return self.attitude * arguments.generator(rng).standard_normal(n_intervals) if self.attitude else None
 
 

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from sim.agis import solve_mission
-from sim.astrometry import COMPONENTS, errors_of, gaia_errors, solve_astrometry
+from sim.astrometry import COMPONENTS, gaia_errors, sigma_and_rho, solve_astrometry
 from sim.mission import Mission, as_mission
 from sim.population import Population
 from sim.scanning import BLOCK, NominalScanningLaw
@@ -116,7 +116,7 @@ def observe(
             population, rng, as_mission(mission, release), variability, excess_noise, quote_variability, threads,
             progress, "motion",
         )  # fmt: skip
-        population, (sigma, rho) = population[keep], errors_of(covariance)
+        population, (sigma, rho) = population[keep], sigma_and_rho(covariance)
     else:
         if variability is not None or quote_variability or np.any(excess_noise != 0.0):
             raise ParameterError("variability and excess noise need a mission, at whose transits sources are displaced")
@@ -128,13 +128,13 @@ def observe(
         rho = arguments.float_array("rho", rho, (n,), broadcast=True)
         if not ((sigma > 0).all() and (np.abs(rho) < 1).all()):
             raise ParameterError("sigma must be above zero, and rho between −1 and 1")
-        unit = rng.standard_normal((2, n))
-        errors, notes = sigma * np.stack([unit[0], rho * unit[0] + np.sqrt(1 - rho**2) * unit[1]]), []
-    field = _field(population, as_signal(signal), errors, notes, sigma, rho)
-    return _with_redshifts(field, as_signal(signal), redshifts, redshift_error, rng)
+        draws = rng.standard_normal((2, n))
+        errors, notes = sigma * np.stack([draws[0], rho * draws[0] + np.sqrt(1 - rho**2) * draws[1]]), []
+    field = _make_field(population, as_signal(signal), errors, notes, sigma, rho)
+    return _observe_redshifts(field, as_signal(signal), redshifts, redshift_error, rng)
 
 
-def _with_redshifts(field, signal, frame, error, rng):
+def _observe_redshifts(field, signal, frame, error, rng):
     """Replace the redshifts by observed ones; `field` has the true ones."""
     if field.redshift is None:
         if frame != "true" or np.any(error != 0.0):
@@ -209,7 +209,7 @@ def observe_offsets(
     error = arguments.float_array("radio", radio, (len(population),), broadcast=True)[keep]
     errors = errors + error * rng.standard_normal(errors.shape)
     covariance = covariance + error[:, None, None] ** 2 * np.eye(2)
-    return _field(population[keep], as_signal(signal), errors, notes, *errors_of(covariance))
+    return _make_field(population[keep], as_signal(signal), errors, notes, *sigma_and_rho(covariance))
 
 
 def _solve_mission_sources(population, rng, mission, variability, excess_noise, quote, threads, progress, kind):
@@ -237,8 +237,8 @@ def _solve_mission_sources(population, rng, mission, variability, excess_noise, 
         covariance = solution.covariance[:, columns, columns]
         return solution.errors[:, columns].T, covariance, solution.solved, len(transits)
 
-    results = mission.scanning_law.map_transits(solve_block, population.lon, population.lat, threads, progress)
-    of_errors, of_covariance, of_keep, counts = zip(*results, strict=True)
+    block_results = mission.scanning_law.map_transits(solve_block, population.lon, population.lat, threads, progress)
+    of_errors, of_covariance, of_keep, counts = zip(*block_results, strict=True)
     errors, covariance, keep = np.concatenate(of_errors, axis=1), np.concatenate(of_covariance), np.concatenate(of_keep)
     notes = [f"simulated: {sum(counts)} transits in {mission.years:g} years, errors of {mission.release}"]
     if not keep.all():
@@ -271,7 +271,7 @@ def _solve_jointly(population, rng, mission, variability, excess_noise, quote, t
     return solution.sources[keep][:, columns].T, solution.formal[keep][:, columns, columns], keep, notes
 
 
-def _field(sky, signal, errors, notes, sigma, rho):
-    motion = signal(sky.lon, sky.lat, sky.redshift) + errors
-    columns = {name: getattr(sky, name) for name in ("redshift", "magnitude", "frame")}
-    return Field(sky.lon, sky.lat, motion, sigma, rho, **columns, notes=notes)
+def _make_field(population, signal, errors, notes, sigma, rho):
+    motion = signal(population.lon, population.lat, population.redshift) + errors
+    columns = {name: getattr(population, name) for name in ("redshift", "magnitude", "frame")}
+    return Field(population.lon, population.lat, motion, sigma, rho, **columns, notes=notes)

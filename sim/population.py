@@ -129,9 +129,9 @@ def quasar_magnitudes(n: int, rng: Rng, max_magnitude: float = 20.0) -> FloatArr
     magnitude, log_count = np.array(list(_BRIGHTER_THAN)), np.log10(list(_BRIGHTER_THAN.values()))
     slope = log_count[1] - log_count[0]
     magnitude, log_count = np.insert(magnitude, 0, 12.0), np.insert(log_count, 0, log_count[0] - 6 * slope)
-    top = np.interp(max_magnitude, magnitude, log_count)
-    draws = top + np.log10(1 - generator(rng).uniform(0, 1, n))
-    return np.interp(draws, log_count, magnitude)
+    log_limit = np.interp(max_magnitude, magnitude, log_count)
+    log_draws = log_limit + np.log10(1 - generator(rng).uniform(0, 1, n))
+    return np.interp(log_draws, log_count, magnitude)
 
 
 def crf3_magnitudes(n_five: int, n_six: int, rng: Rng) -> FloatArray:
@@ -195,11 +195,11 @@ def quasars(
     (1000, True)
     """
     rng = generator(rng)
-    lon, lat = _positions(n, rng, sky, map_frame)
+    lon, lat = _draw_positions(n, rng, sky, map_frame)
     # Redshifts from streams of their own: they shift nothing that is drawn later.
-    light, order = rng.spawn(2)
+    redshift_rng, rank_rng = rng.spawn(2)
     magnitude = quasar_magnitudes(n, rng, max_magnitude)
-    return Population(lon, lat, magnitude, assign_redshifts(quasar_redshifts(n, light), magnitude, order))
+    return Population(lon, lat, magnitude, assign_redshifts(quasar_redshifts(n, redshift_rng), magnitude, rank_rng))
 
 
 @arguments.accepts(quasars=arguments.a(Population), n=arguments.whole, rng=arguments.seed)
@@ -232,7 +232,7 @@ def vlbi_quasars(quasars: Population, n: int, rng: Rng) -> Population:
 
 
 #: The galaxies' lowest redshift, the faintest G, and mean and scatter of the absolute magnitudes.
-_NEAREST, _FAINTEST, _ABSOLUTE, _SPREAD = 0.001, 20.0, -18.0, 1.5
+_MIN_REDSHIFT, _MAX_MAGNITUDE, _ABSOLUTE_MAGNITUDE, _SPREAD = 0.001, 20.0, -18.0, 1.5
 
 
 @arguments.accepts(
@@ -249,10 +249,10 @@ def galaxies(
     rng: Rng = 1,
     sky: str | FloatArray = "uniform",
     *,
-    min_redshift: float = _NEAREST,
+    min_redshift: float = _MIN_REDSHIFT,
     max_redshift: float = 0.03,
-    max_magnitude: float = _FAINTEST,
-    absolute: float = _ABSOLUTE,
+    max_magnitude: float = _MAX_MAGNITUDE,
+    absolute: float = _ABSOLUTE_MAGNITUDE,
     spread: float = _SPREAD,
     map_frame: str = "icrs",
 ) -> Population:
@@ -295,7 +295,7 @@ def galaxies(
     if not 0 < min_redshift < max_redshift:
         raise ParameterError(f"redshifts must rise from above zero, not from {min_redshift} to {max_redshift}")
     rng = generator(rng)
-    lon, lat = _positions(n, rng, sky, map_frame)
+    lon, lat = _draw_positions(n, rng, sky, map_frame)
     grid = np.linspace(min_redshift, max_redshift, 2000)
     distance = transverse_distance(grid)
     redshift, magnitude = np.empty(0), np.empty(0)
@@ -318,8 +318,8 @@ def magnitudes_at(redshift: FloatArray, rng: Rng) -> FloatArray:
         The source of all randomness.
     """
     redshift = np.asarray(redshift, float)
-    typical = distance_modulus(transverse_distance(redshift), redshift) + _ABSOLUTE
-    fraction = ndtr((_FAINTEST - typical) / _SPREAD)
+    typical = distance_modulus(transverse_distance(redshift), redshift) + _ABSOLUTE_MAGNITUDE
+    fraction = ndtr((_MAX_MAGNITUDE - typical) / _SPREAD)
     return typical + _SPREAD * ndtri(np.maximum(generator(rng).uniform(size=redshift.shape) * fraction, 1e-300))
 
 
@@ -376,20 +376,20 @@ def stars(
             f"magnitudes of stars rise between 10 and 20, not from {min_magnitude:g} to {max_magnitude:g}"
         )
     rng = generator(rng)
-    lon, lat = _positions(n, rng, sky, map_frame)
+    lon, lat = _draw_positions(n, rng, sky, map_frame)
     magnitudes, counts = STAR_COUNTS[0], np.log(STAR_COUNTS[1])
     lower, upper = np.exp(np.interp((min_magnitude, max_magnitude), magnitudes, counts))
     return Population(lon, lat, np.interp(np.log(rng.uniform(lower, upper, n)), counts, magnitudes))
 
 
-def _positions(n, rng, sky, map_frame):
+def _draw_positions(n, rng, sky, map_frame):
     if n < 1:
         raise ParameterError(f"a population has at least one member, not {n}")
-    exact = {"uniform": uniform_sky, "plane-avoiding": plane_avoiding_sky}
+    exact_skies = {"uniform": uniform_sky, "plane-avoiding": plane_avoiding_sky}
     if not isinstance(sky, (str, np.ndarray)):
         raise ParameterError(f"a sky is a name or a HEALPix map, not {type(sky).__name__}")
-    if isinstance(sky, str) and sky in exact:
-        return exact[sky](n, rng)
+    if isinstance(sky, str) and sky in exact_skies:
+        return exact_skies[sky](n, rng)
     from sim.skies import draw_positions
 
     return draw_positions(n, rng, sky, map_frame)
@@ -431,43 +431,43 @@ def clustered_galaxies(
     >>> len(sky)
     200
     """
-    rng, max_redshift = generator(rng), arguments.between("max_redshift", max_redshift, _NEAREST, 10.0)
+    rng, max_redshift = generator(rng), arguments.between("max_redshift", max_redshift, _MIN_REDSHIFT, 10.0)
     h = hubble_value(FLAT_PLANCK13) / 100
-    min_distance, max_distance = transverse_distance(np.array([_NEAREST, max_redshift])) * h
-    half = 1.6 * max_distance
-    density, velocity = _draw_linear_field(rng, size, half)
+    min_distance, max_distance = transverse_distance(np.array([_MIN_REDSHIFT, max_redshift])) * h
+    half_width = 1.6 * max_distance
+    density, velocity = _draw_linear_field(rng, size, half_width)
     # Waves longer than the box carry galaxies along without clustering them.
-    _, large = _draw_linear_field(rng, 48, 8 * half, np.pi / half / 2)
-    x = np.linspace(-half, half, size, endpoint=False) + half / size
-    cells = np.stack(np.meshgrid(x, x, x, indexing="ij")).reshape(3, -1)
-    coarse_grid = VelocityGrid(large, 8 * half * (1 - 1 / 48), "icrs")
+    _, large_velocity = _draw_linear_field(rng, 48, 8 * half_width, np.pi / half_width / 2)
+    axis = np.linspace(-half_width, half_width, size, endpoint=False) + half_width / size
+    cells = np.stack(np.meshgrid(axis, axis, axis, indexing="ij")).reshape(3, -1)
+    coarse_grid = VelocityGrid(large_velocity, 8 * half_width * (1 - 1 / 48), "icrs")
     lon, lat = angles(cells)
     velocity = velocity.reshape(3, -1) + coarse_grid.at(lon, lat, np.linalg.norm(cells, axis=0), "icrs")[0]
-    grid = VelocityGrid(velocity.reshape(3, size, size, size), half * (1 - 1 / size), "icrs")
-    chance = np.exp(density.ravel() - density.var() / 2)
-    chance = np.cumsum(np.where(np.linalg.norm(cells, axis=0) < max_distance + 2 * half / size, chance, 0.0))
+    grid = VelocityGrid(velocity.reshape(3, size, size, size), half_width * (1 - 1 / size), "icrs")
+    weights = np.exp(density.ravel() - density.var() / 2)
+    weights = np.cumsum(np.where(np.linalg.norm(cells, axis=0) < max_distance + 2 * half_width / size, weights, 0.0))
     columns: list[list[np.ndarray]] = [[], [], [], []]
     while sum(map(len, columns[0])) < n:
-        indices = np.searchsorted(chance, rng.uniform(0, chance[-1], 2 * n))
-        positions = cells[:, indices] + rng.uniform(-half / size, half / size, (3, 2 * n))
+        cell_numbers = np.searchsorted(weights, rng.uniform(0, weights[-1], 2 * n))
+        positions = cells[:, cell_numbers] + rng.uniform(-half_width / size, half_width / size, (3, 2 * n))
         r = np.linalg.norm(positions, axis=0)
         z = compute_redshift(r / h)
-        g = distance_modulus(r / h, z) + rng.normal(_ABSOLUTE, _SPREAD, 2 * n)
-        keep = (r > min_distance) & (r < max_distance) & (g < _FAINTEST)
-        for chunks, values in zip(columns, (*angles(positions), g, z), strict=True):
-            chunks.append(values[keep])
+        g = distance_modulus(r / h, z) + rng.normal(_ABSOLUTE_MAGNITUDE, _SPREAD, 2 * n)
+        keep = (r > min_distance) & (r < max_distance) & (g < _MAX_MAGNITUDE)
+        for chunks, candidates in zip(columns, (*angles(positions), g, z), strict=True):
+            chunks.append(candidates[keep])
     lon, lat, magnitude, redshift = (np.concatenate(column)[:n] for column in columns)
     return Population(lon, lat, magnitude, redshift), grid
 
 
-def _draw_linear_field(rng, size, half, max_wavenumber=np.inf):
-    """Density contrast and velocity on a periodic grid, of the waves between two wave numbers."""
-    step = 2 * half / size
+def _draw_linear_field(rng, size, half_width, max_wavenumber=np.inf):
+    """Density contrast and velocity on a periodic grid, of the waves below a wave number along every axis."""
+    step = 2 * half_width / size
     k = wave_vectors(size, step)
-    length = np.sqrt(np.sum(k**2, 0))
-    length[0, 0, 0] = 1.0
-    power = np.where(np.abs(k).max(0) < max_wavenumber, LINEAR_PLANCK18.power_at(length), 0.0)
+    wavenumber = np.sqrt(np.sum(k**2, 0))
+    wavenumber[0, 0, 0] = 1.0
+    power = np.where(np.abs(k).max(0) < max_wavenumber, LINEAR_PLANCK18.power_at(wavenumber), 0.0)
     power[0, 0, 0] = 0.0
-    wave = np.fft.rfftn(rng.standard_normal((size, size, size))) * np.sqrt(power / step**3)
-    density = np.fft.irfftn(wave, (size,) * 3, axes=(0, 1, 2))
-    return density, compute_velocities(wave, k, LINEAR_PLANCK18.growth_rate)
+    amplitudes = np.fft.rfftn(rng.standard_normal((size, size, size))) * np.sqrt(power / step**3)
+    density = np.fft.irfftn(amplitudes, (size,) * 3, axes=(0, 1, 2))
+    return density, compute_velocities(amplitudes, k, LINEAR_PLANCK18.growth_rate)

@@ -50,15 +50,15 @@ def sky_map(sky: str) -> tuple[FloatArray, str]:
     ParameterError
         If the name is unknown.
     """
-    makers = {
+    density_makers = {
         "uniform": lambda: np.ones(12 * NSIDE**2),
-        "plane-avoiding": lambda: (np.abs(_galactic_centres()[1]) > 15).astype(float),
+        "plane-avoiding": lambda: (np.abs(_galactic_pixel_centres()[1]) > 15).astype(float),
         "gums": _gums_density,
         "igql": _igql_density,
     }
-    if not isinstance(sky, str) or sky not in makers:
-        raise ParameterError(f"unknown sky {sky!r}: choose one of {', '.join(makers)}, or give a HEALPix map")
-    return makers[sky](), "galactic"
+    if not isinstance(sky, str) or sky not in density_makers:
+        raise ParameterError(f"unknown sky {sky!r}: choose one of {', '.join(density_makers)}, or give a HEALPix map")
+    return density_makers[sky](), "galactic"
 
 
 def draw_positions(
@@ -72,21 +72,21 @@ def draw_positions(
 
 def _gums_density():
     edge, swing, scale = GUMS_PLANE
-    l, b = _galactic_centres()
+    l, b = _galactic_pixel_centres()
     return 1 / (1 + np.exp(-(np.abs(b) - edge - swing * np.cos(np.radians(l))) / scale))
 
 
 def _igql_density():
     """Fill the footprint of each survey evenly with its share of the sources."""
-    b = _galactic_centres()[1]
+    b = _galactic_pixel_centres()[1]
     ra, dec = np.degrees(angles(rotation_matrix("galactic", "icrs") @ triad(*centres(NSIDE))[2]))
-    outside = np.abs(b) > 15
+    outside_plane = np.abs(b) > 15
     footprints = {
         # Spectroscopy and imaging of SDSS in the northern Galactic cap (Ahn et al. 2014, ApJS 211, 17).
         "SDSS north cap": (ra > 115) & (ra < 255) & (dec > -4) & (dec < 65) & (b > 28),
         # What only northern observatories reach, and their sky at large.
-        "far north": outside & (dec > 30),
-        "northern sky": outside & (dec > 0),
+        "far north": outside_plane & (dec > 30),
+        "northern sky": outside_plane & (dec > 0),
         # Bands along the equator, stripe 82 of SDSS among them, in either Galactic cap.
         "equatorial north": (b > 20) & (np.abs(dec) < 10),
         "equatorial south": (b < -20) & (np.abs(dec) < 10),
@@ -94,10 +94,10 @@ def _igql_density():
         "2QZ north": (ra > 147) & (ra < 222) & (np.abs(dec) < 3),
         "2QZ south": ((ra > 325) | (ra < 48.75)) & (dec > -33) & (dec < -27),
         # X-ray, radio and infrared identifications: thinly everywhere, and alone in the south.
-        "all sky": outside,
+        "all sky": outside_plane,
     }
     return sum(share * footprints[name] / footprints[name].sum() for name, share in IGQL_SHARES.items())
 
 
-def _galactic_centres():
+def _galactic_pixel_centres():
     return np.degrees(centres(NSIDE))

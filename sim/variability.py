@@ -51,24 +51,24 @@ def markov_chain(times: FloatArray, sigma: float, tau: float, rng: Rng, source: 
     source = np.zeros(times.shape, int) if source is None else np.asarray(source)
     draws = generator(rng).standard_normal(len(times))
     is_start = np.r_[True, source[1:] != source[:-1]] if len(times) else np.zeros(0, bool)
-    gap = np.diff(times, prepend=0.0)
-    if (gap[~is_start] < 0).any():
+    interval = np.diff(times, prepend=0.0)
+    if (interval[~is_start] < 0).any():
         raise ParameterError("the times of a chain must rise")
-    keep = np.where(is_start, 0.0, np.exp(-np.where(is_start, 0.0, gap) / tau))
-    chain = sigma * np.sqrt(1 - keep**2) * draws
-    for step in _observations_by_rank(is_start):
-        chain[step] += keep[step] * chain[step - 1]
+    correlation = np.where(is_start, 0.0, np.exp(-np.where(is_start, 0.0, interval) / tau))
+    chain = sigma * np.sqrt(1 - correlation**2) * draws
+    for rows in _observations_by_rank(is_start):
+        chain[rows] += correlation[rows] * chain[rows - 1]
     return chain
 
 
 def chain_products(weights: FloatArray, source: IntArray, times: FloatArray, tau: float) -> FloatArray:
     """Covariances of weighted sums of chains of unit variance: Σ over sources of aᵀ C a', C_ij = e^{−|t_i − t_j|/τ}."""
     is_start = np.r_[True, source[1:] != source[:-1]] if len(times) else np.zeros(0, bool)
-    keep = np.where(is_start, 0.0, np.exp(-np.where(is_start, 0.0, np.diff(times, prepend=0.0)) / tau))
+    correlation = np.where(is_start, 0.0, np.exp(-np.where(is_start, 0.0, np.diff(times, prepend=0.0)) / tau))
     # What all earlier observations of a source amount to at each: one step of the chain after the other.
     earlier = np.zeros_like(weights)
-    for step in _observations_by_rank(is_start):
-        earlier[..., step] = keep[step] * (earlier[..., step - 1] + weights[..., step - 1])
+    for rows in _observations_by_rank(is_start):
+        earlier[..., rows] = correlation[rows] * (earlier[..., rows - 1] + weights[..., rows - 1])
     cross_products = np.einsum("aik,bik->ab", weights, earlier)
     return np.einsum("aik,bik->ab", weights, weights) + cross_products + cross_products.T
 

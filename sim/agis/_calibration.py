@@ -25,13 +25,13 @@ from vsh.tools.types import FloatArray, IntArray
 #: What is taken for Gaia: in DR2 harmonics of the spin phase were calibrated so. Offsets are free every few days, and
 #: absorb nothing that changes over the sky.
 GAIA_CALIBRATION = "constant to order 8"
-_WORDS = re.compile(
+_CALIBRATION_PATTERN = re.compile(
     r"(?:free every (?P<days>[\d.]+) days?|(?P<constant>constant))(?: to order (?P<order>\d+))?"
     r"(?:,? known to (?P<known>[\d.]+(?:e[+-]?\d+)?) ?[µμu]as)?"
 )
 #: Knots of the attitude that an interval of a calibration has at least: the response of the attitude to one
 #: interval has then died out before the next but one.
-_KNOTS = 10
+_MIN_KNOTS = 10
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class Calibration(Frozen):
             return words
         if words == "none":
             return None
-        match = _WORDS.fullmatch(words.strip()) if isinstance(words, str) else None
+        match = _CALIBRATION_PATTERN.fullmatch(words.strip()) if isinstance(words, str) else None
         if match is None:
             raise ParameterError(
                 f'a calibration is expected, as "free every 5 days to order 1, known to 0.1 µas", "constant to order 8"'
@@ -126,17 +126,17 @@ class Calibration(Frozen):
         middle = preceding + following
         phase = np.arctan2(np.sum(np.cross(up, middle, axis=0) * z, 0), np.sum(up * middle, 0))
         harmonics = [np.ones_like(phase)]
-        harmonics += [turn(m * phase) for m in range(1, self.order + 1) for turn in (np.cos, np.sin)]
+        harmonics += [function(m * phase) for m in range(1, self.order + 1) for function in (np.cos, np.sin)]
         # Intervals of one length: a short one at the end would be determined by few transits.
-        intervals = max(1, round(law.years * 365.25 / self.days))
-        interval = np.clip((since * intervals / law.years).astype(int), 0, intervals - 1)
+        n_intervals = max(1, round(law.years * 365.25 / self.days))
+        interval = np.clip((since * n_intervals / law.years).astype(int), 0, n_intervals - 1)
         columns = interval[:, None] * len(harmonics) + np.arange(len(harmonics))
-        rows = len(harmonics) * np.arange(len(since) + 1)
-        shape = (len(since), intervals * len(harmonics))
-        return csr_matrix((np.stack(harmonics, 1).ravel(), columns.ravel(), rows), shape)
+        row_starts = len(harmonics) * np.arange(len(since) + 1)
+        shape = (len(since), n_intervals * len(harmonics))
+        return csr_matrix((np.stack(harmonics, 1).ravel(), columns.ravel(), row_starts), shape)
 
 
-def views_at(law: Any, r: FloatArray, since: FloatArray) -> IntArray:
+def find_nearest_views(law: Any, r: FloatArray, since: FloatArray) -> IntArray:
     """+1 where directions (3, k) are nearer to the preceding field of view, −1 where to the following one."""
     _, preceding, following = law.attitude(since)
     return np.where(np.sum(r * preceding, 0) > np.sum(r * following, 0), 1, -1)
@@ -155,10 +155,10 @@ class AngleBlock:
         scans = equations.scans
         if scans.law is None:
             raise ParameterError("a calibration of the basic angle needs the scanning law: make the scans anew")
-        if calibration.days * 86400 < _KNOTS * scans.spacing * 365.25 * 86400:
+        if calibration.days * 86400 < _MIN_KNOTS * scans.spacing * 365.25 * 86400:
             raise ParameterError(
                 f"a basic angle that is free every {calibration.days:g} days needs knots of the attitude at most "
-                f"{calibration.days * 86400 / _KNOTS:.0f} s apart, not {scans.spacing * 365.25 * 86400:.0f} s"
+                f"{calibration.days * 86400 / _MIN_KNOTS:.0f} s apart, not {scans.spacing * 365.25 * 86400:.0f} s"
             )
         self.equations, self.calibration = equations, calibration
         self._weights = scans.weights[0, scans.source] * equations.solved[scans.source]
@@ -166,54 +166,54 @@ class AngleBlock:
         chunks = []
         for block in scans.blocks():
             since = scans.time(block)
-            sign = views_at(scans.law, directions[:, scans.source[block]], since) / 2
+            sign = find_nearest_views(scans.law, directions[:, scans.source[block]], since) / 2
             chunks.append(calibration.columns(scans.law, since).multiply(sign[:, None]).tocsr())
         self._columns = vstack(chunks, format="csr")
-        self._factor = cho_factor(self._schur(), check_finite=False)
+        self._factor = cho_factor(self._compute_schur_complement(), check_finite=False)
 
-    def coefficients(self, along: FloatArray) -> FloatArray:
+    def fit_coefficients(self, along: FloatArray) -> FloatArray:
         """Fit the coefficients to observations `along` the scan that are free of attitude."""
-        return cho_solve(self._factor, self._seen(along), check_finite=False)
+        return cho_solve(self._factor, self._project_on_columns(along), check_finite=False)
 
-    def along(self, coefficients: FloatArray) -> FloatArray:
+    def compute_shifts(self, coefficients: FloatArray) -> FloatArray:
         """Compute the displacements along the scan by `coefficients`, (k,)."""
         return np.asarray(self._columns @ coefficients)
 
-    def effect(self, coefficients: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def compute_effects(self, coefficients: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Compute what `coefficients` change: along the scan (k,), at the sources (n, 5), in the attitude."""
-        along = self.along(coefficients)
-        of_sources, of_attitude = self.equations.passes.adjoint(along, np.zeros_like(along))
-        attitude = self.equations.attitude_of(of_attitude)
-        return along, of_sources - self.equations.passes.to_sources(attitude[..., None])[..., 0], attitude
+        along = self.compute_shifts(coefficients)
+        source_rhs, attitude_rhs = self.equations.passes.adjoint(along, np.zeros_like(along))
+        attitude = self.equations.attitude_of(attitude_rhs)
+        return along, source_rhs - self.equations.passes.to_sources(attitude[..., None])[..., 0], attitude
 
-    def taken(self, x: FloatArray, attitude: FloatArray) -> FloatArray:
+    def compute_absorbed(self, x: FloatArray, attitude: FloatArray) -> FloatArray:
         """Compute the part that the angle absorbs of parameters `x` (n, 5, K) less their `attitude`."""
-        taken = np.empty_like(x)
+        absorbed = np.empty_like(x)
         for k in range(x.shape[-1]):
-            column, response = np.ascontiguousarray(x[..., k]), np.ascontiguousarray(attitude[..., k])
-            along, _ = self.equations.passes.predict(column, -response)
-            taken[..., k] = self.effect(self.coefficients(along))[1]
-        return taken
+            parameters, attitude_column = np.ascontiguousarray(x[..., k]), np.ascontiguousarray(attitude[..., k])
+            along, _ = self.equations.passes.predict(parameters, -attitude_column)
+            absorbed[..., k] = self.compute_effects(self.fit_coefficients(along))[1]
+        return absorbed
 
-    def _seen(self, along):
+    def _project_on_columns(self, along):
         return self._columns.T @ (self._weights * along)
 
-    def _schur(self):
+    def _compute_schur_complement(self):
         """T, (coefficients, coefficients)."""
         per_interval, size = 2 * self.calibration.order + 1, self._columns.shape[1]
         matrix = (self._columns.T @ self._columns.multiply(self._weights[:, None])).toarray()
-        sources = np.zeros((self.equations.scans.n_sources, 5))
+        no_sources = np.zeros((self.equations.scans.n_sources, 5))
         interval = np.arange(size) // per_interval
         for colour in range(3):
             for harmonic in range(per_interval):
-                picked = np.flatnonzero((interval % 3 == colour) & (np.arange(size) % per_interval == harmonic))
+                chosen_columns = np.flatnonzero((interval % 3 == colour) & (np.arange(size) % per_interval == harmonic))
                 coefficients = np.zeros(size)
-                coefficients[picked] = 1
-                attitude = self.effect(coefficients)[2]
-                response = self._seen(self.equations.passes.predict(sources, attitude)[0])
-                for column in picked:
-                    near = np.abs(interval - interval[column]) <= 1
-                    matrix[near, column] -= response[near]
+                coefficients[chosen_columns] = 1
+                attitude = self.compute_effects(coefficients)[2]
+                response = self._project_on_columns(self.equations.passes.predict(no_sources, attitude)[0])
+                for column in chosen_columns:
+                    is_neighbour = np.abs(interval - interval[column]) <= 1
+                    matrix[is_neighbour, column] -= response[is_neighbour]
         matrix = (matrix + matrix.T) / 2
         matrix[np.diag_indices(size)] += np.where(np.diag(matrix) > 0, 0.0, 1.0) + 1 / self.calibration.known**2
         try:

@@ -70,8 +70,8 @@ class GlobalMotion(Frozen):
     def functional(self, k: int) -> FloatArray:
         """The g of parameter `k`: y_k = Σ g x, (n, 5)."""
         functional = np.zeros((len(self.design), 5))
-        rows = np.linalg.solve(self.normal, np.eye(len(self.names))[k])
-        functional[:, 3:] = self.weights[:, None] * np.einsum("nik,k->ni", self.design, rows)
+        inverse_column = np.linalg.solve(self.normal, np.eye(len(self.names))[k])
+        functional[:, 3:] = self.weights[:, None] * np.einsum("nik,k->ni", self.design, inverse_column)
         return functional
 
     def reduced(self, formal: FloatArray) -> FloatArray:
@@ -122,12 +122,12 @@ LOW_DEGREES = 3
 
 
 #: Sources that are looked at together.
-_TOGETHER = 2**16
+_BLOCK_SOURCES = 2**16
 
 
 def source_slices(n: int) -> Iterator[slice]:
     """Sources so many at a time that no copy of theirs is large."""
-    return (slice(start, min(start + _TOGETHER, n)) for start in range(0, n, _TOGETHER))
+    return (slice(start, min(start + _BLOCK_SOURCES, n)) for start in range(0, n, _BLOCK_SOURCES))
 
 
 class MotionFit:
@@ -139,32 +139,32 @@ class MotionFit:
         scans, p = equations.scans, len(modes)
         normal = np.zeros((p, p))
         #: What a source's motion adds to the right-hand sides, (p, 2, k).
-        self.weighted = scans.array(p, 2, len(self.sources))
+        self.weighted_harmonics = scans.array(p, 2, len(self.sources))
         for chunk in source_slices(len(self.sources)):
-            indices = self.sources[chunk]
-            field = harmonics(scans.lon[indices], scans.lat[indices], modes)
-            weights = np.linalg.inv(equations.formal[indices][:, 3:, 3:])
-            self.weighted[:, :, chunk] = weighted_field = np.einsum("nij,pjn->pin", weights, field)
+            source_rows = self.sources[chunk]
+            field = harmonics(scans.lon[source_rows], scans.lat[source_rows], modes)
+            weights = np.linalg.inv(equations.formal[source_rows][:, 3:, 3:])
+            self.weighted_harmonics[:, :, chunk] = weighted_field = np.einsum("nij,pjn->pin", weights, field)
             normal += field.reshape(p, -1) @ weighted_field.reshape(p, -1).T
         if smallest_eigenvalue(normal) < 1e-10:
             raise DegeneracyError(f"{len(self.sources)} sources do not determine degree {modes.lmax}: lower it")
         #: As quoted, (p, p).
         self.formal = np.asarray(np.linalg.inv(normal), float)
 
-    def of(self, x: FloatArray) -> FloatArray:
+    def compute_coefficients(self, x: FloatArray) -> FloatArray:
         """Coefficients of given parameters, (p, K)."""
         motions = x[self.sources, 3:].transpose(1, 0, 2)
-        return self.formal @ (self.weighted.reshape(len(self.modes), -1) @ motions.reshape(-1, x.shape[-1]))
+        return self.formal @ (self.weighted_harmonics.reshape(len(self.modes), -1) @ motions.reshape(-1, x.shape[-1]))
 
-    def functionals(self, which: ArrayLike) -> FloatArray:
+    def functionals(self, indices: ArrayLike) -> FloatArray:
         """The g of some coefficients, c = Σ g x: (n, 5, K)."""
-        rows = np.tensordot(self.formal[np.asarray(which)], self.weighted, 1)
-        functionals = np.zeros((self.equations.scans.n_sources, 5, len(rows)))
-        functionals[self.sources, 3:] = rows.transpose(2, 1, 0)
+        motion_functionals = np.tensordot(self.formal[np.asarray(indices)], self.weighted_harmonics, 1)
+        functionals = np.zeros((self.equations.scans.n_sources, 5, len(motion_functionals)))
+        functionals[self.sources, 3:] = motion_functionals.transpose(2, 1, 0)
         return functionals
 
 
-def low_degree_fit(equations: Any, sources: IntArray) -> MotionFit:
+def fit_low_degrees(equations: Any, sources: IntArray) -> MotionFit:
     """The fit whose coefficients must come to rest: to degree three, or as high as the sources determine."""
     for degree in range(LOW_DEGREES, 0, -1):
         if len(Modes(degree)) < 2 * equations.solved[sources].sum():
@@ -175,7 +175,7 @@ def low_degree_fit(equations: Any, sources: IntArray) -> MotionFit:
     raise DegeneracyError(f"{len(sources)} sources determine no spin and acceleration, by which iterations stop")
 
 
-def sources_at(scans: Scans, lon: ArrayLike | None, lat: ArrayLike | None) -> IntArray:
+def find_sources_at(scans: Scans, lon: ArrayLike | None, lat: ArrayLike | None) -> IntArray:
     """Indices of the sources at given positions; all where none are given."""
     if lon is None and lat is None:
         return np.arange(scans.n_sources)
@@ -183,8 +183,8 @@ def sources_at(scans: Scans, lon: ArrayLike | None, lat: ArrayLike | None) -> In
     lat = arguments.float_array("lat", lat, lon.shape)
     if lon.shape == scans.lon.shape and (lon == scans.lon).all() and (lat == scans.lat).all():
         return np.arange(scans.n_sources)
-    indices = {position: i for i, position in enumerate(zip(scans.lon.tolist(), scans.lat.tolist(), strict=True))}
-    rows = [indices.get(position, -1) for position in zip(lon.tolist(), lat.tolist(), strict=True)]
+    row_numbers = {position: i for i, position in enumerate(zip(scans.lon.tolist(), scans.lat.tolist(), strict=True))}
+    rows = [row_numbers.get(position, -1) for position in zip(lon.tolist(), lat.tolist(), strict=True)]
     if -1 in rows:
         raise ParameterError(
             f"{rows.count(-1)} of {len(rows)} positions are of no source of the scans (first: {rows.index(-1)})"

@@ -8,7 +8,7 @@ import numpy as np
 from sim.agis._calibration import Calibration
 from sim.agis._globals import GlobalMotion, source_slices
 from sim.agis._results import AgisSolution
-from sim.agis._system import ROUGH, System
+from sim.agis._system import SMOOTHING_LIMIT, System
 from sim.agis.passes import FULL, Scans, check_memory, plan, scaled, scans
 from sim.mission import Mission
 from sim.population import Population
@@ -44,20 +44,20 @@ def observations(
     along, across : (k,) arrays
         Across scan of no weight where nothing is measured; on disk where the transits are. [µas]
     """
-    noise, chains = generator(rng).spawn(2)
+    noise_rng, chain_rng = generator(rng).spawn(2)
     with np.errstate(divide="ignore"):
         sigma = 1 / np.sqrt(scans.weights)
     sigma[~np.isfinite(sigma)] = 0.0
     along, across = (scans.array(len(scans)) for _ in range(2))
-    for component, of_source in zip((along, across), sigma, strict=True):
+    for component, source_sigma in zip((along, across), sigma, strict=True):
         for block in scans.blocks():
-            component[block] = noise.standard_normal(block.stop - block.start) * of_source[scans.source[block]]
+            component[block] = noise_rng.standard_normal(block.stop - block.start) * source_sigma[scans.source[block]]
     if variability is not None and variability.sigma > 0:
         order = np.argsort(scans.source, kind="stable")  # of a source, in the order of time
         if variable is not None:
             order = order[np.asarray(variable, bool)[scans.source[order]]]
         owner, times = scans.source[order], scans.time()[order]
-        east, north = (markov_chain(times, variability.sigma, variability.tau, chains, owner) for _ in range(2))
+        east, north = (markov_chain(times, variability.sigma, variability.tau, chain_rng, owner) for _ in range(2))
         sin, cos = (column[order].astype(float) for column in (scans.sin, scans.cos))
         along[order] += sin * east + cos * north
         across[order] += sin * north - cos * east
@@ -69,14 +69,14 @@ def start_errors(
 ) -> tuple[FloatArray, FloatArray]:
     """Errors with which a solution begins; those of Bachchan, Hobbs & Lindegren (2016, section 4) unless given."""
     rng = generator(rng)
-    start = random * rng.standard_normal((scans.n_sources, 5))
+    source_errors = random * rng.standard_normal((scans.n_sources, 5))
     modes = Modes(3)
     coefficients, fields = rng.standard_normal((2, len(modes))), np.empty((2, 2, scans.n_sources))
-    for part in source_slices(scans.n_sources):
-        fields[..., part] = np.tensordot(coefficients, harmonics(scans.lon[part], scans.lat[part], modes), 1)
+    for chunk in source_slices(scans.n_sources):
+        fields[..., chunk] = np.tensordot(coefficients, harmonics(scans.lon[chunk], scans.lat[chunk], modes), 1)
     for columns, field in zip((slice(0, 2), slice(3, 5)), fields, strict=True):
-        start[:, columns] += systematic * (field / np.sqrt(np.mean(np.sum(field**2, 0)))).T
-    return start, attitude * rng.standard_normal((scans.intervals + 3, 3))
+        source_errors[:, columns] += systematic * (field / np.sqrt(np.mean(np.sum(field**2, 0)))).T
+    return source_errors, attitude * rng.standard_normal((scans.intervals + 3, 3))
 
 
 #: Errors across the scan, in errors along: Gaia's windows are wider than long, and most are binned across.
@@ -143,14 +143,14 @@ def joint_system(
         "the joint solution",
         "take fewer sources, or knots farther apart",
     )
-    if smoothing < ROUGH:
+    if smoothing < SMOOTHING_LIMIT:
         notes.append(
             f"smoothing of {smoothing:g} µas is a statement on the attitude: errors are right where it bends no more"
         )
-    scan = scans(
+    mission_scans = scans(
         law, lon, lat, sigma, across * sigma, knots, ccds=ccds, folder=folder, threads=threads, progress=progress
     )
-    system = System(scan, prior, smoothing=smoothing, motion=motion, threads=threads, calibration=calibration)
+    system = System(mission_scans, prior, smoothing=smoothing, motion=motion, threads=threads, calibration=calibration)
     return system, notes
 
 
@@ -283,7 +283,7 @@ def mixture(
     FrameError
         If one is in another frame.
     """
-    rows = []
+    column_sets = []
     for index, population in enumerate((quasars, galaxies, stars)):
         if population is None:
             continue
@@ -295,7 +295,7 @@ def mixture(
         if KINDS[index] == "stars" and star_error is not None:
             sigma = np.full(n, arguments.positive("star_error", star_error))
         redshift = np.full(n, np.nan) if population.redshift is None else population.redshift
-        rows.append((population.lon, population.lat, sigma, population.magnitude, redshift, np.full(n, index)))
-    mixed = Mixture(*(np.concatenate(column) for column in zip(*rows, strict=True)))
+        column_sets.append((population.lon, population.lat, sigma, population.magnitude, redshift, np.full(n, index)))
+    mixed = Mixture(*(np.concatenate(column) for column in zip(*column_sets, strict=True)))
     arguments.float_array("sigma", mixed.sigma)
     return mixed

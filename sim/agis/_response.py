@@ -20,8 +20,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_matrix, hstack
 
-from sim.agis._calibration import Calibration, views_at
-from sim.scanning import NominalScanningLaw, TabulatedLaw, outside_gaps
+from sim.agis._calibration import Calibration, find_nearest_views
+from sim.scanning import NominalScanningLaw, TabulatedLaw, is_outside_gaps
 from vsh.basis import harmonics
 from vsh.modes import Modes
 from vsh.sky.frames import rotation_matrix
@@ -36,7 +36,7 @@ from vsh.tools.types import ArrayLike, FloatArray, IntArray, PathName, Rng
 #: Functions of time: from years since the middle of the mission, (k,), to so many rows, (F, k).
 Functions = Callable[[FloatArray], FloatArray]
 #: Steps of time taken at once.
-_STEPS = 20_000
+_BLOCK_STEPS = 20_000
 #: 14.3 million sources (Lindegren et al. 2021, A&A 649, A2), 14 transits a year, 100 µas each. [1/µas²/yr]
 INFORMATION = 14.3e6 * 14 / 100**2
 
@@ -98,30 +98,30 @@ class Response(InNotebook):
             raise ParameterError(f"weights are {12 * nside**2} numbers of at least 0, one a pixel of nside {nside}")
         self._lon, self._lat = centres(nside, any_size=True)
         time = np.sort(arguments.generator(rng).uniform(0, law.years, arguments.whole("steps", steps)))
-        time = time[outside_gaps(time, law.lost)]
+        time = time[is_outside_gaps(time, law.lost)]
         z, *views = law.attitude(time)
         self._time = time - (self.epoch - law.start)
-        self._seen = [(r, np.cross(z, r, axis=0)) for r in views]
-        pixels = [self._pixel(r) for r in views]
-        preceding_weight, following_weight = (self.weights[pixel] for pixel in pixels)
-        self._difference = preceding_weight * following_weight / np.maximum(preceding_weight + following_weight, 1e-300)
+        self._view_axes = [(r, np.cross(z, r, axis=0)) for r in views]
+        pixels = [self._find_pixels(r) for r in views]
+        w_preceding, w_following = (self.weights[pixel] for pixel in pixels)
+        self._difference_weights = w_preceding * w_following / np.maximum(w_preceding + w_following, 1e-300)
         columns = [5 * pixel[:, None] + np.arange(5) for pixel in pixels]
-        values = [
+        entries = [
             sign * self._parameter_partials(pixel, scan, self._time).T
-            for sign, pixel, (_, scan) in zip((1, -1), pixels, self._seen, strict=True)
+            for sign, pixel, (_, scan) in zip((1, -1), pixels, self._view_axes, strict=True)
         ]
         rows = 10 * np.arange(len(time) + 1)
         shape = (len(time), 5 * len(self.weights))
-        self._design = csr_matrix((np.concatenate(values, 1).ravel(), np.concatenate(columns, 1).ravel(), rows), shape)
+        self._design = csr_matrix((np.concatenate(entries, 1).ravel(), np.concatenate(columns, 1).ravel(), rows), shape)
         self.calibration = Calibration.parse(calibration)
         self.information = arguments.positive("information", information)
         if self.calibration is not None:
-            self._design = hstack([self._design, self._angle(self._time)], format="csr")
+            self._design = hstack([self._design, self._make_angle_columns(self._time)], format="csr")
             # Steps have the weights of stars, of no scale: that of `information` is what the prior is measured by.
             starts, ends = np.clip(np.array(law.lost, float).reshape(-1, 2).T, 0.0, law.years)
             before = np.concatenate([[0.0], np.maximum.accumulate(ends)])[:-1]  # gaps may overlap
             years = law.years - float(np.sum(np.maximum(ends - np.maximum(starts, before), 0.0)))
-            self._scale = self.information * years / float(np.sum(preceding_weight + following_weight))
+            self._scale = self.information * years / float(np.sum(w_preceding + w_following))
         self._factor: Any = None
         self._taken: dict[Any, FloatArray] = {}
 
@@ -140,7 +140,7 @@ class Response(InNotebook):
 
     def save(self, path: PathName, overwrite: bool = False) -> None:
         """Write what was factored to `path`, NPZ of 8 (60 nside²)² bytes, for `read`; `overwrite` replaces it."""
-        arrays = {"factor": self._factorise()[0], "weights": self.weights, "law": self._facts_of_law()}
+        arrays = {"factor": self._factorise()[0], "weights": self.weights, "law": self._sample_law()}
         calibration = self.calibration
         numbers = () if calibration is None else (calibration.order, calibration.days, calibration.known)
         write_arrays(path, arrays | {"calibration": np.array([*numbers, self.information], float)}, overwrite=overwrite)
@@ -169,20 +169,20 @@ class Response(InNotebook):
         calibration = Calibration(int(numbers[0]), *numbers[1:]) if numbers else None
         options = {"calibration": calibration, "information": information} | options
         response = cls(law, arrays["weights"], nside, **options)
-        facts = response._facts_of_law()
+        sample = response._sample_law()
         same = (response.calibration, response.information) == (calibration, information)
-        if not same or facts.shape != arrays["law"].shape or not np.allclose(facts, arrays["law"], rtol=0, atol=1e-9):
+        if not same or sample.shape != arrays["law"].shape or not np.allclose(sample, arrays["law"], rtol=0, atol=1e-9):
             raise ParameterError(
                 "this factor belongs to another scanning law or calibration, or to other steps: compute it again"
             )
         response._factor = (arrays["factor"], False)
         return response
 
-    def _facts_of_law(self):
+    def _sample_law(self):
         """Times and directions at some steps: what tells one law, epoch and number of steps from another."""
-        few = np.linspace(0, len(self._time) - 1, 50).astype(int)
-        views = [component for view in self._seen for component in (*view[0][:, few], *view[1][:, few])]
-        return np.stack([few.astype(float), self._time[few], *views])
+        sample = np.linspace(0, len(self._time) - 1, 50).astype(int)
+        views = [component for view in self._view_axes for component in (*view[0][:, sample], *view[1][:, sample])]
+        return np.stack([sample.astype(float), self._time[sample], *views])
 
     def left(
         self,
@@ -215,10 +215,10 @@ class Response(InNotebook):
         """
         p, q, r = triad(lon, lat)
         m = p * scan[0] + q * scan[1]
-        view = views_at(self.law, r, time + (self.epoch - self.law.start)) if view is None else view
+        view = find_nearest_views(self.law, r, time + (self.epoch - self.law.start)) if view is None else view
         turn = -view * self.law.basic_angle
         r2, m2 = r * np.cos(turn) + m * np.sin(turn), m * np.cos(turn) - r * np.sin(turn)
-        own_pixel, other_pixel = self._pixel(r), self._pixel(r2)
+        own_pixel, other_pixel = self._find_pixels(r), self._find_pixels(r2)
         own_weight, other_weight = self.weights[own_pixel], self.weights[other_pixel]
         share = (other_weight / np.maximum(own_weight + other_weight, 1e-300))[:, None]
         remainder = share * _outer(functions(time), _modes_along_scan(r, m, modes) - _modes_along_scan(r2, m2, modes))
@@ -227,7 +227,7 @@ class Response(InNotebook):
             x = parameters[5 * pixel[:, None] + np.arange(5)]
             remainder += weight * np.einsum("ik,kin->kn", self._parameter_partials(pixel, direction, time), x)
         if self.calibration is not None:
-            remainder -= share * view[:, None] * (self._angle(time) @ parameters[5 * len(self.weights) :])
+            remainder -= share * view[:, None] * (self._make_angle_columns(time) @ parameters[5 * len(self.weights) :])
         return remainder
 
     def taken(self, modes: Modes, functions: Functions) -> FloatArray:
@@ -237,19 +237,19 @@ class Response(InNotebook):
         """
         key = modes, functions(self._time).tobytes()
         if key not in self._taken:
-            right: Any = 0.0
-            step = max(1, len(self._time) // _STEPS)
-            for start in range(step):
-                subset = slice(start, None, step)
-                fields = [_modes_along_scan(r[:, subset], m[:, subset], modes) for r, m in self._seen]
+            rhs: Any = 0.0
+            stride = max(1, len(self._time) // _BLOCK_STEPS)
+            for start in range(stride):
+                subset = slice(start, None, stride)
+                fields = [_modes_along_scan(r[:, subset], m[:, subset], modes) for r, m in self._view_axes]
                 difference = _outer(functions(self._time[subset]), fields[0] - fields[1])
-                right = right + self._design[subset].T @ (self._difference[subset, None] * difference)
-            self._taken = {key: cho_solve(self._factorise(), right, check_finite=False)}
+                rhs = rhs + self._design[subset].T @ (self._difference_weights[subset, None] * difference)
+            self._taken = {key: cho_solve(self._factorise(), rhs, check_finite=False)}
         return self._taken[key]
 
     def _factorise(self):
         if self._factor is None:
-            normal = (self._design.T @ self._design.multiply(self._difference[:, None]).tocsr()).toarray()
+            normal = (self._design.T @ self._design.multiply(self._difference_weights[:, None]).tocsr()).toarray()
             scale = np.diag(normal).copy()
             normal[np.diag_indices_from(normal)] += 1e-7 * scale + 1e-9 * scale.max()  # six rotations are free
             if self.calibration is not None:
@@ -258,12 +258,12 @@ class Response(InNotebook):
             self._factor = cho_factor(normal, overwrite_a=True, check_finite=False)
         return self._factor
 
-    def _angle(self, time):
+    def _make_angle_columns(self, time):
         """The basic angle by every coefficient of its calibration."""
         assert self.calibration is not None
         return self.calibration.columns(self.law, time + (self.epoch - self.law.start))
 
-    def _pixel(self, r):
+    def _find_pixels(self, r):
         return pixels_of(*angles(r), self.nside, any_size=True)
 
     def _parameter_partials(self, pixel, m, time):
@@ -271,8 +271,8 @@ class Response(InNotebook):
         p, q, _ = triad(self._lon[pixel], self._lat[pixel])
         sun, distance = self.law.sun(time + (self.epoch - self.law.start))
         sun = rotation_matrix("ecliptic", self.law.frame) @ sun * distance
-        a, b = np.sum(m * p, 0), np.sum(m * q, 0)
-        return np.array([a, b, -np.sum(m * sun, 0), a * time, b * time])
+        m_east, m_north = np.sum(m * p, 0), np.sum(m * q, 0)
+        return np.array([m_east, m_north, -np.sum(m * sun, 0), m_east * time, m_north * time])
 
 
 def _modes_along_scan(r, m, modes):

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from sim.agis._calibration import AngleBlock, Calibration
-from sim.agis._globals import GlobalMotion, MotionFit, low_degree_fit, source_slices, sources_at
+from sim.agis._globals import GlobalMotion, MotionFit, find_sources_at, fit_low_degrees, source_slices
 from sim.agis._results import AgisSolution
 from sim.agis.passes import Scans, add_smoothing, check_memory, make_passes, system_memory
 from sim.astrometry import LEAST_EIGENVALUE, smallest_eigenvalue
@@ -55,10 +55,10 @@ class Equations(InNotebook):
         if motion is not None:
             arguments.a(GlobalMotion)("motion", motion)
         prior = None if prior is None else arguments.positive("prior", prior)
-        if arguments.positive("smoothing", smoothing) < ROUGH:
+        if arguments.positive("smoothing", smoothing) < SMOOTHING_LIMIT:
             warnings.warn(
                 f"smoothing of {smoothing:g} µas is a statement on the attitude: errors are right only where its "
-                f"coefficients really bend no more; {ROUGH:g} and more bridge gaps alone",
+                f"coefficients really bend no more; {SMOOTHING_LIMIT:g} and more bridge gaps alone",
                 VshWarning,
                 stacklevel=2,
             )
@@ -80,12 +80,12 @@ class Equations(InNotebook):
             motion.check(scans.n_sources, self.solved)
             if not self.solved.all():  # sources without a solution tell nothing, not a motion of zero
                 motion = self.motion = replace(motion, weights=np.where(self.solved, motion.weights, 0.0))
-            self._tighter = blocks.copy()
-            self._tighter[:, [3, 4], [3, 4]] += motion.weights[:, None]
-            self.start = np.linalg.inv(self._tighter)
-            self._low_rank = motion.reduced(self.formal)
+            self._constrained_blocks = blocks.copy()
+            self._constrained_blocks[:, [3, 4], [3, 4]] += motion.weights[:, None]
+            self.start = np.linalg.inv(self._constrained_blocks)
+            self._reduced_normal = motion.reduced(self.formal)
         else:
-            self._tighter, self.start = blocks, self.formal
+            self._constrained_blocks, self.start = blocks, self.formal
         add_smoothing(band, 1 / smoothing**2)
         if prior is not None:
             band[0] += 1 / prior**2
@@ -97,9 +97,9 @@ class Equations(InNotebook):
         if x.ndim == 2:
             return self.apply(x[..., None])[..., 0]
         attitude = self.attitude_of(self.passes.to_attitude(x))
-        product = self._tighter @ x - self.passes.to_sources(attitude)
+        product = self._constrained_blocks @ x - self.passes.to_sources(attitude)
         if self.angle is not None:
-            product -= self.angle.taken(x, attitude)
+            product -= self.angle.compute_absorbed(x, attitude)
         if self.motion is not None:
             product[:, 3:] -= self.motion.pull(x)
         return product
@@ -113,23 +113,23 @@ class Equations(InNotebook):
     def reduce(self, of_sources: FloatArray, of_attitude: FloatArray, along: FloatArray | None = None) -> FloatArray:
         """g_s − C A⁻¹ g_a, (n, 5), less what the basic angle takes, if it is solved for, of `along` behind both."""
         attitude = self.attitude_of(of_attitude)
-        right = of_sources - self.passes.to_sources(attitude[..., None])[..., 0]
+        rhs = of_sources - self.passes.to_sources(attitude[..., None])[..., 0]
         if self.angle is not None:
             assert along is not None
-            right -= self.angle.effect(self.angle_of(along, np.zeros_like(of_sources), attitude))[1]
-        return right
+            rhs -= self.angle.compute_effects(self.angle_of(along, np.zeros_like(of_sources), attitude))[1]
+        return rhs
 
     def angle_of(self, along: FloatArray, sources: FloatArray, attitude: FloatArray) -> FloatArray:
         """Coefficients of the basic angle that fit observations less sources and attitude best."""
         assert self.angle is not None
-        return self.angle.coefficients(along - self.passes.predict(sources, attitude)[0])
+        return self.angle.fit_coefficients(along - self.passes.predict(sources, attitude)[0])
 
     def precondition(self, r: FloatArray) -> FloatArray:
         """Solve each source by itself, with the constraints on global motions."""
         z = self.start @ r
         if self.motion is not None:
             design, weights = self.motion.design, self.motion.weights
-            y = np.linalg.solve(self._low_rank, np.einsum("nik,n,nir->kr", design, weights, z[:, 3:]))
+            y = np.linalg.solve(self._reduced_normal, np.einsum("nik,n,nir->kr", design, weights, z[:, 3:]))
             z += self.start[:, :, 3:] @ np.einsum("n,nik,kr->nir", weights, design, y)
         return z
 
@@ -148,26 +148,26 @@ class Equations(InNotebook):
         """Parameters less the rotation that fits them best, the blocks S as weights; and that rotation."""
         if not self.defect:
             return x, np.zeros((0, x.shape[-1]))
-        rotation, turned = self._rotation_of(x, weighted=True), np.empty_like(x)
-        for part, basis, _ in self._rotations():
-            turned[part] = x[part] - np.einsum("kr,kni->nir", rotation, basis)
-        return turned, rotation
+        rotation, remainder = self._fit_rotation(x, weighted=True), np.empty_like(x)
+        for chunk, basis, _ in self._iterate_rotations():
+            remainder[chunk] = x[chunk] - np.einsum("kr,kni->nir", rotation, basis)
+        return remainder, rotation
 
-    def _rotation_of(self, x, *, weighted):
+    def _fit_rotation(self, x, *, weighted):
         """The rotation in parameters, which the blocks S weight; or in functionals of them, unweighted."""
         normal, products = np.zeros((self.defect, self.defect)), np.zeros((self.defect, x.shape[-1]))
-        for part, basis, weighted_basis in self._rotations():
+        for chunk, basis, weighted_basis in self._iterate_rotations():
             normal += np.einsum("kni,lni->kl", weighted_basis, basis)
-            products += np.einsum("kni,nir->kr", weighted_basis if weighted else basis, x[part])
+            products += np.einsum("kni,nir->kr", weighted_basis if weighted else basis, x[chunk])
         return np.asarray(np.linalg.solve(normal, products), float)
 
-    def _rotations(self):
+    def _iterate_rotations(self):
         """Some sources at a time: which, the null space of those that are solved, and that times the blocks S."""
         directions = self.scans.sines_and_cosines
-        for part in source_slices(len(self.blocks)):
-            basis = _rotation_basis(directions[:, part])[: self.defect]
-            basis[:, ~self.solved[part]] = 0
-            yield part, basis, np.einsum("nij,knj->kni", self.blocks[part], basis)
+        for chunk in source_slices(len(self.blocks)):
+            basis = _rotation_basis(directions[:, chunk])[: self.defect]
+            basis[:, ~self.solved[chunk]] = 0
+            yield chunk, basis, np.einsum("nij,knj->kni", self.blocks[chunk], basis)
 
     def _check_across_scan(self):
         scans = self.scans
@@ -184,10 +184,10 @@ class Equations(InNotebook):
         observed = np.sum((scans.counts * (1 + (scans.weights[1] > 0)))[self.solved])
         surplus, n_unknowns = observed - 5 * n, 3 * self.coefficients
         if self.prior is None and surplus < n_unknowns:
-            longer = f"knots of {3 * scans.years * JULIAN_YEAR / surplus:.0f} s or more, " if surplus > 0 else ""
+            longer_knots = f"knots of {3 * scans.years * JULIAN_YEAR / surplus:.0f} s or more, " if surplus > 0 else ""
             raise DegeneracyError(
                 f"too few sources for the knots: {observed:.0f} observations of {n} sources for {5 * n + n_unknowns} "
-                f"unknowns ({scans.intervals} intervals). Take {longer}more sources, sim.agis.scaled, or a prior"
+                f"unknowns ({scans.intervals} intervals). Take {longer_knots}more sources, sim.agis.scaled, or a prior"
             )
 
     def _assemble_normals(self, threads, compiled):
@@ -196,10 +196,10 @@ class Equations(InNotebook):
         is_solved = scans.counts > 5
         passes = make_passes(scans, is_solved, threads, compiled)
         blocks, band = passes.blocks()
-        eigenvalues = [smallest_eigenvalue(blocks[part]) for part in source_slices(len(blocks))]
-        good = np.concatenate(eigenvalues) > LEAST_EIGENVALUE
-        if (is_solved & ~good).any():
-            is_solved &= good
+        eigenvalues = [smallest_eigenvalue(blocks[chunk]) for chunk in source_slices(len(blocks))]
+        is_determined = np.concatenate(eigenvalues) > LEAST_EIGENVALUE
+        if (is_solved & ~is_determined).any():
+            is_solved &= is_determined
             passes = make_passes(scans, is_solved, threads, compiled)
             blocks, band = passes.blocks()
         if not is_solved.any():
@@ -234,7 +234,7 @@ def _rotation_basis(directions):
 
 
 #: Functionals solved for together.
-TOGETHER = 3
+BLOCK_FUNCTIONALS = 3
 #: Iterations over which the sum of the variances must have come to rest.
 _REST = 10
 
@@ -246,7 +246,7 @@ class ExactErrors(Equations):
         self, modes: Modes | int, lon: ArrayLike | None = None, lat: ArrayLike | None = None
     ) -> FloatArray:
         """Covariance of a fit to the motions as it would be quoted: each source alone, the attitude known."""
-        return MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat)).formal
+        return MotionFit(self, as_modes(modes), find_sources_at(self.scans, lon, lat)).formal
 
     def true_covariance(
         self,
@@ -259,7 +259,7 @@ class ExactErrors(Equations):
         iterations: int = 2000,
     ) -> FloatArray:
         """Covariance that the same fit really has, with all that sources share through the attitude; exact."""
-        fit = MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat))
+        fit = MotionFit(self, as_modes(modes), find_sources_at(self.scans, lon, lat))
         g = fit.functionals(np.arange(len(fit.modes)))
         return self._covariance(g, tolerance, iterations, variability)
 
@@ -284,32 +284,32 @@ class ExactErrors(Equations):
         g = np.stack([self.motion.functional(k) for k in range(len(self.motion.names))], axis=-1)
         true = self._covariance(g, tolerance, iterations)
         # What the sources' own motions leave of y: the mean of Gy + own is no y.
-        return np.asarray(np.linalg.inv(self._low_rank), float), true + np.linalg.inv(self.motion.normal)
+        return np.asarray(np.linalg.inv(self._reduced_normal), float), true + np.linalg.inv(self.motion.normal)
 
     def _covariance(self, functionals, tolerance, iterations, variability=None):
         """gᵀ N⁺ g of each pair of functionals (n, 5, K), what the null space does to them left out."""
-        right = self._seen(functionals)
-        solutions = np.empty_like(right)
+        rhs = self._remove_null_space(functionals)
+        solutions = np.empty_like(rhs)
         with limit_blas(0):
-            for start in range(0, right.shape[-1], TOGETHER):
-                columns = slice(start, start + TOGETHER)
-                sides = np.ascontiguousarray(right[..., columns])
-                solutions[..., columns] = _solve_system(self, sides, tolerance, iterations)
-        k = right.shape[-1]
-        covariance = right.reshape(-1, k).T @ solutions.reshape(-1, k)
+            for start in range(0, rhs.shape[-1], BLOCK_FUNCTIONALS):
+                columns = slice(start, start + BLOCK_FUNCTIONALS)
+                rhs_chunk = np.ascontiguousarray(rhs[..., columns])
+                solutions[..., columns] = _solve_system(self, rhs_chunk, tolerance, iterations)
+        k = rhs.shape[-1]
+        covariance = rhs.reshape(-1, k).T @ solutions.reshape(-1, k)
         if variability is not None and variability.sigma > 0:
             covariance += self._variability_covariance(solutions, variability)
         return (covariance + covariance.T) / 2
 
-    def _seen(self, functionals):
+    def _remove_null_space(self, functionals):
         """Functionals of parameters from which the null space is taken out, by the blocks as weights."""
-        right = functionals.copy()
-        right[~self.solved] = 0
+        projected = functionals.copy()
+        projected[~self.solved] = 0
         if self.defect:
-            share = self._rotation_of(right, weighted=False)
-            for part, _, weighted_basis in self._rotations():
-                right[part] -= np.einsum("kr,kni->nir", share, weighted_basis)
-        return right
+            rotation = self._fit_rotation(projected, weighted=False)
+            for chunk, _, weighted_basis in self._iterate_rotations():
+                projected[chunk] -= np.einsum("kr,kni->nir", rotation, weighted_basis)
+        return projected
 
     def _variability_covariance(self, solutions, variability):
         """Contribution of varying photocentres: Σ over sources of aᵀ C a, a the weight of each observation in a
@@ -319,31 +319,31 @@ class ExactErrors(Equations):
         owner, time = scans.source[order], scans.time()[order]
         weights = scans.weights[:, owner] * self.solved[owner]
         sin, cos = (column[order].astype(float) for column in (scans.sin, scans.cos))
-        shares = []
+        functional_weights = []
         for x in np.moveaxis(solutions, -1, 0):
             x = np.ascontiguousarray(x)
             attitude = self.attitude_of(-self.passes.to_attitude(x[..., None])[..., 0])
             predictions = self.passes.predict(x, attitude)
             if self.angle is not None:
-                angle, _, response = self.angle.effect(self.angle.coefficients(predictions[0]))
-                followed = self.passes.predict(np.zeros_like(x), response)
-                predictions = predictions[0] - angle + followed[0], predictions[1] + followed[1]
+                shifts, _, attitude_change = self.angle.compute_effects(self.angle.fit_coefficients(predictions[0]))
+                attitude_shifts = self.passes.predict(np.zeros_like(x), attitude_change)
+                predictions = predictions[0] - shifts + attitude_shifts[0], predictions[1] + attitude_shifts[1]
             along, across = (w * prediction[order] for w, prediction in zip(weights, predictions, strict=True))
-            shares += [np.stack([along * sin - across * cos, along * cos + across * sin])]
-        products = chain_products(np.array(shares), owner, time, variability.tau)
+            functional_weights += [np.stack([along * sin - across * cos, along * cos + across * sin])]
+        products = chain_products(np.array(functional_weights), owner, time, variability.tau)
         return variability.sigma**2 * products
 
 
-def _solve_system(equations, right, tolerance, iterations):
-    work = Iteration(equations, right)
-    total, gains = np.zeros(right.shape[-1]), []
+def _solve_system(equations, rhs, tolerance, iterations):
+    iteration = Iteration(equations, rhs)
+    total, gains = np.zeros(rhs.shape[-1]), []
     for _ in range(iterations):
-        work.step()
-        gains.append(work.gain)
-        total += work.gain
+        iteration.step()
+        gains.append(iteration.gain)
+        total += iteration.gain
         growth = np.sum(gains[-_REST:], axis=0) / np.where(total > 0, total, 1.0)
-        if (len(gains) >= _REST and growth.max() < tolerance) or work.residual < 1e-12:
-            return work.x
+        if (len(gains) >= _REST and growth.max() < tolerance) or iteration.residual < 1e-12:
+            return iteration.x
     raise ConvergenceError(
         f"variances still grew by {100 * growth.max():.2g} % in the last {_REST} of {iterations} iterations; standard "
         f"errors are at least {', '.join(f'{x:.4g}' for x in np.sqrt(total))}. Allow more iterations, or a larger "
@@ -352,7 +352,7 @@ def _solve_system(equations, right, tolerance, iterations):
 
 
 #: Second differences smaller than this are a statement on the attitude, not a bridge over gaps. [µas]
-ROUGH = 1e4
+SMOOTHING_LIMIT = 1e4
 
 
 class System(ExactErrors):
@@ -417,7 +417,7 @@ class System(ExactErrors):
             [µas]
         """
         along, across = self.passes.predict(*self._check_unknowns(sources, attitude))
-        return along if angle is None or self.angle is None else along + self.angle.along(angle), across
+        return along if angle is None or self.angle is None else along + self.angle.compute_shifts(angle), across
 
     def adjoint(self, along: ArrayLike, across: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """The weighted transpose of `predict`: right-hand sides of observations `along` and `across`, (k,). [µas]"""
@@ -487,38 +487,38 @@ class System(ExactErrors):
         start = np.zeros((n, 5)) if start is None else start
         attitude = np.zeros((self.coefficients, 3)) if attitude is None else attitude
         x, first_attitude = self._check_unknowns(start, attitude)
-        pull: Any = 0.0
+        prior_rhs: Any = 0.0
         if known is not None:
             if self.prior is None:
                 raise ParameterError("known= is what a prior says of the attitude: give System a prior")
-            pull = arguments.float_array("known", known, (self.coefficients, 3)) / self.prior**2
+            prior_rhs = arguments.float_array("known", known, (self.coefficients, 3)) / self.prior**2
         arguments.choice("first", first, ("sources", "attitude"))
         iterations = arguments.whole("iterations", iterations)
         stop = None if stop is None else arguments.positive("stop", stop)
-        fit = low_degree_fit(self, arguments.indices("sources", sources, n))
+        fit = fit_low_degrees(self, arguments.indices("sources", sources, n))
         if first == "sources":
-            of_sources, _ = passes.adjoint(*observed, x, first_attitude)
-            x = x + self.precondition((of_sources - _constraint_terms(self, x))[..., None])[..., 0]
-        of_sources, of_attitude = passes.adjoint(*observed, x, np.zeros_like(first_attitude))
-        of_attitude += pull
+            source_rhs, _ = passes.adjoint(*observed, x, first_attitude)
+            x = x + self.precondition((source_rhs - _constraint_terms(self, x))[..., None])[..., 0]
+        source_rhs, attitude_rhs = passes.adjoint(*observed, x, np.zeros_like(first_attitude))
+        attitude_rhs += prior_rhs
         remainder = None if self.angle is None else observed[0] - passes.predict(x, np.zeros_like(first_attitude))[0]
-        right = self.reduce(of_sources, of_attitude, remainder) - _constraint_terms(self, x)
-        right[~self.solved] = 0
-        work = Iteration(self, right[..., None])
+        rhs = self.reduce(source_rhs, attitude_rhs, remainder) - _constraint_terms(self, x)
+        rhs[~self.solved] = 0
+        iteration = Iteration(self, rhs[..., None])
 
         sigma = np.sqrt(np.diag(fit.formal))
-        history, updates = [fit.of(x[..., None])[:, 0]], []
+        history, updates = [fit.compute_coefficients(x[..., None])[:, 0]], []
         key = None
         if checkpoint is not None:
-            key = digest_of((right, of_attitude, x, self.prior, self.smoothing, fit.sources, len(fit.modes)))
-            state = load(checkpoint, key)
+            key = digest_of((rhs, attitude_rhs, x, self.prior, self.smoothing, fit.sources, len(fit.modes)))
+            state = read_checkpoint(checkpoint, key)
             if state is not None:
                 history, updates = list(state.pop("history")), list(state.pop("updates"))
-                work.restore(state)
+                iteration.restore(state)
 
         def write_checkpoint():
             if checkpoint is not None and key is not None:
-                arrays = work.state() | {"history": np.array(history), "updates": np.array(updates)}
+                arrays = iteration.state() | {"history": np.array(history), "updates": np.array(updates)}
                 write_arrays(checkpoint, {"key": np.array(key)} | arrays, overwrite=True)
 
         bar = progress_bar(
@@ -527,33 +527,33 @@ class System(ExactErrors):
         with bar, limit_blas(0):  # its threads would wait for each other longer than they work
             while True:
                 if watch is not None:
-                    watch(len(history), x + work.x[..., 0])
+                    watch(len(history), x + iteration.x[..., 0])
                 is_settled = stop is not None and len(history) > REST and _largest_update(history, sigma) < stop
-                if is_settled or len(history) >= iterations or work.residual < _SOLVED:
+                if is_settled or len(history) >= iterations or iteration.residual < _SOLVED_RESIDUAL:
                     break
-                work.step()
-                history.append(fit.of(x[..., None] + work.x)[:, 0])
-                updates.append(float(np.sqrt(np.mean(work.z[self.solved, 2] ** 2))))
+                iteration.step()
+                history.append(fit.compute_coefficients(x[..., None] + iteration.x)[:, 0])
+                updates.append(float(np.sqrt(np.mean(iteration.z[self.solved, 2] ** 2))))
                 bar.update()
                 bar.set_postfix_str(
                     f"low degrees moved by {_largest_update(history, sigma):.2g} σ in {min(REST, len(history) - 1)}",
                     refresh=False,
                 )
-                if len(history) % _EVERY == 0:
+                if len(history) % _CHECKPOINT_EVERY == 0:
                     write_checkpoint()
         write_checkpoint()
-        found = x + work.x[..., 0]
-        h = self.attitude_of(of_attitude - passes.to_attitude(work.x)[..., 0])
+        parameters = x + iteration.x[..., 0]
+        final_attitude = self.attitude_of(attitude_rhs - passes.to_attitude(iteration.x)[..., 0])
         angle = None
         if self.angle is not None:
-            angle = self.angle_of(observed[0], found, h)
-            h -= self.angle.effect(angle)[2]
+            angle = self.angle_of(observed[0], parameters, final_attitude)
+            final_attitude -= self.angle.compute_effects(angle)[2]
         scans = self.scans
         solution = AgisSolution(
-            np.where(self.solved[:, None], found, np.nan),
-            h,
+            np.where(self.solved[:, None], parameters, np.nan),
+            final_attitude,
             len(history),
-            bool(is_settled or work.residual < _SOLVED),
+            bool(is_settled or iteration.residual < _SOLVED_RESIDUAL),
             np.array(history),
             np.array(updates),
             fit.modes,
@@ -563,7 +563,7 @@ class System(ExactErrors):
             scans.lon,
             scans.lat,
             scans.frame,
-            self.motion.parameters(found[..., None])[:, 0] if self.motion is not None else None,
+            self.motion.parameters(parameters[..., None])[:, 0] if self.motion is not None else None,
             angle,
         )
         if not solution.converged and stop is not None:
@@ -639,8 +639,8 @@ def _dot(a, b):
     return (a * b).reshape(-1, a.shape[-1]).sum(axis=0)
 
 
-def load(path: PathName, key: str) -> dict[str, Any] | None:
-    """A state that was saved, or None where there is none."""
+def read_checkpoint(path: PathName, key: str) -> dict[str, Any] | None:
+    """Read the state that a checkpoint holds, or None where there is no file."""
     if not Path(path).exists():
         return None
     try:
@@ -655,9 +655,9 @@ def load(path: PathName, key: str) -> dict[str, Any] | None:
 #: Iterations within which the low degrees must have come to rest.
 REST = 10
 #: Iterations between two checkpoints.
-_EVERY = 5
+_CHECKPOINT_EVERY = 5
 #: Residual below which nothing is left to do in double precision.
-_SOLVED = 1e-13
+_SOLVED_RESIDUAL = 1e-13
 
 
 def _constraint_terms(equations, x):

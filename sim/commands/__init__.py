@@ -5,8 +5,8 @@ import argparse
 from vsh.tools.errors import ParameterError
 
 
-def calibration_words(text: str) -> str:
-    """Words on a calibration, if they can be read."""
+def check_calibration_words(text: str) -> str:
+    """Return the words on a calibration, if they can be read."""
     from sim.agis import Calibration
 
     try:

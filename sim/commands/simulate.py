@@ -99,7 +99,7 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--flow linear|SIGMA",
         "galaxies: peculiar velocities | those of linear theory, a dispersion in km/s, or both, as linear,250",
-        _flow,
+        _check_flow,
         action=parsing.JoinValues,
     )
     add(
@@ -142,8 +142,8 @@ def narrow(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
             action.help = argparse.SUPPRESS
 
 
-def _flow(text):
-    """Flows of linear theory, and a dispersion, between commas."""
+def _check_flow(text):
+    """Return the words on flows, "linear" and a dispersion between commas, if they can be read."""
     for word in text.split(","):
         if word != "linear":
             parsing.not_negative(word)
@@ -182,43 +182,43 @@ def _run(options):
 def _write_field(options):
     """Write the motions of quasars or galaxies, or offsets from radio positions."""
     # A stream of its own for each step, so that one option does not shift what another draws.
-    sky, selection_rng, gaps, observed, noise = np.random.default_rng(options.seed).spawn(5)
+    sky_rng, vlbi_rng, gap_rng, observation_rng, velocity_rng = np.random.default_rng(options.seed).spawn(5)
     population, notes = (
-        _read_population(options, sky) if options.positions else (_population(options, sky, selection_rng), [])
+        _read_population(options, sky_rng) if options.positions else (_draw_population(options, sky_rng, vlbi_rng), [])
     )
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
-    ours = reading.velocity_of(options.velocity)
-    velocity, group = np.zeros(3) if ours is None else ours.to_frame("icrs").value, None
+    given_velocity = reading.velocity_of(options.velocity)
+    velocity, group_velocity = np.zeros(3) if given_velocity is None else given_velocity.to_frame("icrs").value, None
     if options.kind == "galaxies":
         if options.dispersion or options.flow:
-            motions = sim.peculiar(options.dispersion, noise, flow=options.flow, hubble=HUBBLE)
-            if options.flow and ours is None:  # we take part in it
-                group = next(part for part in motions.parts if hasattr(part, "velocity_here")).velocity_here(
+            motions = sim.peculiar(options.dispersion, velocity_rng, flow=options.flow, hubble=HUBBLE)
+            if options.flow and given_velocity is None:  # we take part in it
+                group_velocity = next(part for part in motions.parts if hasattr(part, "velocity_here")).velocity_here(
                     population.redshift
                 )
-                velocity = group + vsh.models.cosmology.SUN_IN_LOCAL_GROUP.to_frame("icrs").value
+                velocity = group_velocity + vsh.models.cosmology.SUN_IN_LOCAL_GROUP.to_frame("icrs").value
             signal += motions
         if velocity.any():
             signal += sim.secular_parallax(velocity, hubble=HUBBLE)
-    law = sim.NominalScanningLaw(years=YEARS[options.release], dead_time=sim.scanning.DEAD_TIME, rng=gaps)
+    law = sim.NominalScanningLaw(years=YEARS[options.release], dead_time=sim.scanning.DEAD_TIME, rng=gap_rng)
     mission = sim.Mission(law, options.release, "solved" if options.errors == "solved" else 10.0)
-    true = {"SPIN": options.spin, "ACC": options.acceleration}
+    true_vectors = {"SPIN": options.spin, "ACC": options.acceleration}
     if options.kind == "vlbi":  # offsets [µas] have an orientation; spin and acceleration are of motions
-        true = {"ORIENT": options.orientation}
-        field = sim.observe_offsets(population, sim.spin(options.orientation), observed, mission)
+        true_vectors = {"ORIENT": options.orientation}
+        field = sim.observe_offsets(population, sim.spin(options.orientation), observation_rng, mission)
     elif options.errors == "expected":
         from sim.expected import errors_by_place
 
         sigma, rho = errors_by_place(population.magnitude, population.lon, population.lat, mission)
-        field = sim.observe(population, signal, observed, sigma=sigma, rho=rho, redshifts=options.redshifts)
+        field = sim.observe(population, signal, observation_rng, sigma=sigma, rho=rho, redshifts=options.redshifts)
     else:
-        field = sim.observe(population, signal, observed, mission=mission, redshifts=options.redshifts)
-    meta = _truth(true, options)
+        field = sim.observe(population, signal, observation_rng, mission=mission, redshifts=options.redshifts)
+    meta = _make_metadata(true_vectors, options)
     if options.kind == "galaxies":
         meta |= {f"VEL_{axis}": float(value) for axis, value in zip("XYZ", velocity, strict=True)}
         meta["HUBBLE"] = HUBBLE
-        if group is not None:
-            meta |= {f"GROUP_{axis}": float(value) for axis, value in zip("XYZ", group, strict=True)}
+        if group_velocity is not None:
+            meta |= {f"GROUP_{axis}": float(value) for axis, value in zip("XYZ", group_velocity, strict=True)}
         field = vsh.models.cosmology.with_redshift(field)  # our own default output is what our own default input takes
     field.write(options.output, meta, overwrite=options.overwrite)  # another run may have written it meanwhile
     notes += field.notes
@@ -232,29 +232,29 @@ def _write_crf(options):
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     counts = {} if options.number is None else {"n_five": options.number}
     table = getattr(sim, options.kind)(options.seed, signal, traps=options.traps, **counts)
-    truth = _truth({"SPIN": options.spin, "ACC": options.acceleration}, options)
+    truth = _make_metadata({"SPIN": options.spin, "ACC": options.acceleration}, options)
     vsh.io.tables.write_table(table, options.output, truth, overwrite=options.overwrite)
     params = table["astrometric_params_solved" if options.kind == "crf3" else "astrometric_params"]
-    five, six = (int(np.sum(params == value)) for value in (31, 95))
-    n_other = len(table) - five - six
+    n_five, n_six = (int(np.sum(params == value)) for value in (31, 95))
+    n_other = len(table) - n_five - n_six
     suffix = f", {n_other} with another model" if n_other else ""
-    _finish(options, [], dict(table.meta) | truth, f"{five} sources with five parameters, {six} with six{suffix}")
+    _finish(options, [], dict(table.meta) | truth, f"{n_five} sources with five parameters, {n_six} with six{suffix}")
 
 
 def _write_epochs(options):
     """Write the transits of quasars, in the columns of DR4's epoch astrometry."""
-    sky, gaps, observed = np.random.default_rng(options.seed).spawn(3)
-    population = _population(options, sky, sky)
+    sky_rng, gap_rng, observation_rng = np.random.default_rng(options.seed).spawn(3)
+    population = _draw_population(options, sky_rng, sky_rng)
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
-    meta = {"SPIN": options.spin, "ACC": options.acceleration}
+    true_values = {"SPIN": options.spin, "ACC": options.acceleration}
     if options.wave:
         frequency, plus, cross, lon, lat = options.wave
         signal += sim.wave_in_time(vsh.Vector.from_spherical(1.0, lon, lat).value, frequency, plus, cross)
-        meta["WAVE"] = options.wave
-    law = sim.NominalScanningLaw(years=EPOCHS, dead_time=sim.scanning.DEAD_TIME, rng=gaps)
+        true_values["WAVE"] = options.wave
+    law = sim.NominalScanningLaw(years=EPOCHS, dead_time=sim.scanning.DEAD_TIME, rng=gap_rng)
     attitude, mission = "solved" if options.errors == "solved" else "perfect", sim.Mission(law, options.release, 10.0)
-    table = sim.epochs(population, signal, observed, mission=mission, attitude=attitude, complete=True)
-    truth = {f"{name}_{i}": float(value) for name, values in meta.items() for i, value in enumerate(values)}
+    table = sim.epochs(population, signal, observation_rng, mission=mission, attitude=attitude, complete=True)
+    truth = {f"{name}_{i}": float(value) for name, values in true_values.items() for i, value in enumerate(values)}
     vsh.io.tables.write_table(
         table, options.output, truth | {"ATTITUDE": attitude, "SEED": options.seed}, overwrite=options.overwrite
     )
@@ -270,25 +270,25 @@ def _write_link(options):
         aberration=vsh.Vector(np.array(options.acceleration), np.zeros((3, 3))),
     )  # fmt: skip
     vectors = {"ORIENT": options.orientation, "SPIN": options.spin, "JUMP": (0.0,) * 3, "ACC": options.acceleration}
-    meta = _truth(vectors, options)
+    meta = _make_metadata(vectors, options)
     write_astrometry(rows, options.output, meta, overwrite=options.overwrite)
     _finish(options, [], meta, f"{len(rows)} rows of {options.number} stars, gaia and vlbi")
 
 
 def _finish(options, notes, meta, summary):
-    """The configuration that repeats it, and what is said."""
+    """Write the configuration that repeats the run, and print what was written."""
     finishing.write_configuration(options, {Path(options.output).name: digest(options.output)})
     numbers = [(name, float(value)) for name, value in meta.items() if isinstance(value, (int, float))]
-    true = ", ".join(f"{name} {value:g}" for name, value in numbers)
-    text = "\n".join([*notes, f"written to {options.output}: {summary}", f"truth: {true}"])
+    truth_line = ", ".join(f"{name} {value:g}" for name, value in numbers)
+    message = "\n".join([*notes, f"written to {options.output}: {summary}", f"truth: {truth_line}"])
 
-    def truth():
+    def make_truth_table():
         return {"truth": vsh.io.tables.table_of_rows(("name", "value"), numbers)}
 
-    finishing.print_result(options, finishing.message_result(text, truth, notes))
+    finishing.print_result(options, finishing.message_result(message, make_truth_table, notes))
 
 
-def _truth(vectors, options):
+def _make_metadata(vectors, options):
     """Metadata with the truth of the table."""
     meta = {
         f"{name}_{axis}": float(value)
@@ -298,7 +298,7 @@ def _truth(vectors, options):
     return meta | {"PROGRAM": f"vsh-sim {vsh.__version__}", "OPTIONS": json.dumps(_recorded_options(options))}
 
 
-def _population(options, rng, selection_rng):
+def _draw_population(options, rng, vlbi_rng):
     sky, frame = options.sky or "uniform", "icrs"
     if sky not in parsing.SKIES:
         from vsh.sky.pixels import count_missing_pixels
@@ -313,7 +313,7 @@ def _population(options, rng, selection_rng):
         return sim.galaxies(options.number, rng, sky, map_frame=frame)
     if options.kind == "vlbi":
         return sim.vlbi_quasars(
-            sim.quasars(max(options.number, 500_000), rng, sky, map_frame=frame), options.number, selection_rng
+            sim.quasars(max(options.number, 500_000), rng, sky, map_frame=frame), options.number, vlbi_rng
         )
     return sim.quasars(options.number, rng, sky, map_frame=frame)
 
@@ -323,34 +323,34 @@ def _read_population(options, rng):
     from vsh.tools.notes import ASSUMED_MOTIONS, UNUSED_CORRELATIONS, has_code
 
     facts = {"frame": options.catalogue_frame, "format": options.input_format}
-    read = vsh.io.catalogue.read_sources(options.positions, options.columns, on_bad="drop", sigma=1.0, **facts)
-    read = read.to_frame("icrs")
-    of_motions = (ASSUMED_MOTIONS, UNUSED_CORRELATIONS)  # which are made here
-    notes = [note for note in read.notes if not has_code(note, *of_motions)]
+    sources = vsh.io.catalogue.read_sources(options.positions, options.columns, on_bad="drop", sigma=1.0, **facts)
+    sources = sources.to_frame("icrs")
+    motion_codes = (ASSUMED_MOTIONS, UNUSED_CORRELATIONS)  # which are made here
+    notes = [note for note in sources.notes if not has_code(note, *motion_codes)]
     if options.kind == "galaxies":
-        if read.redshift is None:
+        if sources.redshift is None:
             raise TableError(
                 f"{printable(options.positions)} has no redshifts, from which galaxies have their distances: if a "
                 "column holds them, say --columns redshift=NAME"
             )
-        reading.refuse_velocities(read.notes, printable(options.positions))
-        usable_sources = vsh.models.cosmology.with_redshift(read)
-        notes += usable_sources.notes[len(read.notes) :]
-        read = usable_sources
-    n = len(read)
+        reading.refuse_velocities(sources.notes, printable(options.positions))
+        usable_sources = vsh.models.cosmology.with_redshift(sources)
+        notes += usable_sources.notes[len(sources.notes) :]
+        sources = usable_sources
+    n = len(sources)
     if n == 0:
         raise TableError(f"{printable(options.positions)} holds no source that can be simulated")
-    magnitude = read.magnitude
+    magnitude = sources.magnitude
     is_missing = np.ones(n, bool) if magnitude is None else ~np.isfinite(magnitude)
     if is_missing.any():
         if options.kind == "galaxies":
-            draws = sim.population.magnitudes_at(np.asarray(read.redshift, float), rng)
+            draws = sim.population.magnitudes_at(np.asarray(sources.redshift, float), rng)
         else:
             draws = np.asarray(sim.quasars(n, rng).magnitude, float)
         magnitude = draws if magnitude is None else np.where(is_missing, draws, magnitude)
-        at = " at these redshifts" if options.kind == "galaxies" else ""
-        notes.append(f"{is_missing.sum()} of {n} magnitudes drawn as of simulated {options.kind}" + at)
-    return sim.Population(read.lon, read.lat, magnitude, read.redshift), notes
+        suffix = " at these redshifts" if options.kind == "galaxies" else ""
+        notes.append(f"{is_missing.sum()} of {n} magnitudes drawn as of simulated {options.kind}" + suffix)
+    return sim.Population(sources.lon, sources.lat, magnitude, sources.redshift), notes
 
 
 def _recorded_options(options):
@@ -358,9 +358,9 @@ def _recorded_options(options):
     exclusions = [*running.NOT_TOLD, *(_foreign_options(options.kind) if options.kind in ("crf3", "crf4") else ())]
     settings = {key: value for key, value in vars(options).items() if key not in exclusions}
     if options.velocity is not None:
-        ours = reading.velocity_of(options.velocity)
-        assert ours is not None
-        settings["velocity"] = [ours.amplitude, *ours.to_frame("galactic").direction]
+        velocity = reading.velocity_of(options.velocity)
+        assert velocity is not None
+        settings["velocity"] = [velocity.amplitude, *velocity.to_frame("galactic").direction]
     return settings
 
 

@@ -27,10 +27,10 @@ from vsh.tools.units import MAS
 #: Parallaxes of quasars in DR3, on average. [mas] (Lindegren et al. 2021, A&A 649, A4)
 ZERO_POINT = -0.017
 #: 34 months.
-_YEARS = 34 / 12
-_OUTLIERS, _TIMES = 0.002, 3.0
+_DR3_YEARS = 34 / 12
+_OUTLIER_SHARE, _OUTLIER_FACTOR = 0.002, 3.0
 #: Shares of quasars whose best model in DR4 has seven and nine parameters: a guess.
-_OTHER_MODELS = 0.003, 0.001
+_OTHER_MODEL_SHARES = 0.003, 0.001
 _NSIDE = 32
 _CRF3_UNITS = {
     "ra": "deg", "dec": "deg", "parallax": "mas", "parallax_error": "mas", "pmra": "mas / yr", "pmdec": "mas / yr",
@@ -86,7 +86,7 @@ def crf3(
 
 
 #: The share of DR4's sources whose quality is flagged, and by how much their motions scatter [mas/yr]: guesses.
-_FLAGGED, _JUNK = 0.005, 5.0
+_FLAGGED_SHARE, _JUNK = 0.005, 5.0
 
 
 @arguments.accepts(n_five=arguments.whole, rng=arguments.seed)
@@ -133,13 +133,13 @@ def crf4(
     params = np.asarray(catalogue["astrometric_params_solved"]).copy()
     if table == "gaia_source":
         draw = rng.spawn(1)[0].random(len(catalogue))
-        params[draw < _OTHER_MODELS[0]] = 127  # seven parameters: an acceleration
-        params[(draw >= _OTHER_MODELS[0]) & (draw < sum(_OTHER_MODELS))] = 511  # nine: its change as well
+        params[draw < _OTHER_MODEL_SHARES[0]] = 127  # seven parameters: an acceleration
+        params[(draw >= _OTHER_MODEL_SHARES[0]) & (draw < sum(_OTHER_MODEL_SHARES))] = 511  # nine: its change as well
     catalogue["astrometric_params_solved"] = params
     catalogue.rename_column("astrometric_params_solved", "astrometric_params")
     catalogue["tentative_parallax_bias"] = np.full(len(catalogue), ZERO_POINT, np.float32)
     catalogue["tentative_parallax_bias"].unit = "mas"
-    is_flagged = rng.spawn(1)[0].random(len(catalogue)) < (_FLAGGED if traps else 0.0)
+    is_flagged = rng.spawn(1)[0].random(len(catalogue)) < (_FLAGGED_SHARE if traps else 0.0)
     catalogue["quality_flag"] = is_flagged.astype(np.int16)
     for name, scatter in zip(("pmra", "pmdec"), rng.spawn(1)[0].normal(0.0, _JUNK, (2, len(catalogue))), strict=True):
         catalogue[name] += np.where(is_flagged, scatter, 0.0)
@@ -151,36 +151,36 @@ def _simulate_catalogue(rng, signal, n_five, n_six, release, traps):
     """The table of `crf3`, or of another release."""
     from vsh.io import tables
 
-    years = {"DR3": _YEARS, "DR4": 66 / 12}[release]
+    years = {"DR3": _DR3_YEARS, "DR4": 66 / 12}[release]
     six_count = n_five * CRF3_COUNTS[95] / CRF3_COUNTS[31] if n_six is None else arguments.not_negative("n_six", n_six)
     n = n_five + round(six_count)
     truth = acceleration((-0.235965, -3.755779, -2.080491)) if signal is None else as_signal(signal)
     # A stream of its own for each step, so that one number does not shift what another draws.
-    sky, light, errors, noise, properties, gaps, deceit = generator(rng).spawn(7)
-    lon, lat = draw_positions(n, sky, "gums")
-    six = np.arange(n) >= n_five
-    magnitude = crf3_magnitudes(n_five, n - n_five, light)
-    photometry = _photometry_columns(properties, six, magnitude)
-    mission = Mission(NominalScanningLaw(years=years, rng=gaps), release)
+    sky_rng, light_rng, size_rng, noise_rng, property_rng, gap_rng, trap_rng = generator(rng).spawn(7)
+    lon, lat = draw_positions(n, sky_rng, "gums")
+    has_six = np.arange(n) >= n_five
+    magnitude = crf3_magnitudes(n_five, n - n_five, light_rng)
+    photometry = _photometry_columns(property_rng, has_six, magnitude)
+    mission = Mission(NominalScanningLaw(years=years, rng=gap_rng), release)
     pixel = pixels_of(lon, lat, _NSIDE)
     transits = mission.scanning_law.transits(*centres(_NSIDE))
     solution = solve_astrometry(transits, np.ones(12 * _NSIDE**2), 0, years=years)
     unit = solution.covariance[:, 2:, 2:]  # parallax, µ_α*, µ_δ for a transit's error of one
     unit = np.where(np.isfinite(unit), unit, np.nanmedian(unit, axis=0))
     # A little of its own for each source: transits are lost.
-    size = mission.transit_error(magnitude) * np.where(six, SIX_PARAMETERS, 1.0) * errors.lognormal(0.0, 0.05, n)
+    size = mission.transit_error(magnitude) * np.where(has_six, SIX_PARAMETERS, 1.0) * size_rng.lognormal(0.0, 0.05, n)
     deviation = np.sqrt(np.einsum("nii->ni", unit))
     correlation = unit / (deviation[:, :, None] * deviation[:, None])
-    wrong = np.where(errors.random(n) < _OUTLIERS, _TIMES, 1.0)
+    ratio = np.where(size_rng.random(n) < _OUTLIER_SHARE, _OUTLIER_FACTOR, 1.0)
     if traps:
-        wrong *= error_inflation(magnitude)
-    scatter = np.einsum("nij,nj->in", np.linalg.cholesky(unit)[pixel], noise.standard_normal((n, 3))) * size * wrong
+        ratio *= error_inflation(magnitude)
+    scatter = np.einsum("nij,nj->in", np.linalg.cholesky(unit)[pixel], noise_rng.standard_normal((n, 3))) * size * ratio
     sigma = deviation[pixel].T * size
     motion = (truth(lon, lat) + scatter[1:]) / MAS
     if traps:
-        motion += systematic_motions(lon, lat, sigma[1:], magnitude, photometry["nu"], release, deceit) / MAS
+        motion += systematic_motions(lon, lat, sigma[1:], magnitude, photometry["nu"], release, trap_rng) / MAS
     columns = {
-        "source_id": _identifiers(lon, lat),
+        "source_id": _make_source_ids(lon, lat),
         "ra": np.degrees(lon),
         "dec": np.degrees(lat),
         "parallax": ZERO_POINT + scatter[0] / MAS,
@@ -192,7 +192,7 @@ def _simulate_catalogue(rng, signal, n_five, n_six, release, traps):
         "parallax_pmra_corr": correlation[pixel, 0, 1],
         "parallax_pmdec_corr": correlation[pixel, 0, 2],
         "pmra_pmdec_corr": correlation[pixel, 1, 2],
-        "astrometric_params_solved": np.where(six, 95, 31).astype(np.int16),
+        "astrometric_params_solved": np.where(has_six, 95, 31).astype(np.int16),
     }
     transit_columns = {name: values[pixel] for name, values in scan_columns(transits, 12 * _NSIDE**2).items()}
     del photometry["nu"]
@@ -200,32 +200,32 @@ def _simulate_catalogue(rng, signal, n_five, n_six, release, traps):
     return tables.table_of(columns | transit_columns | photometry, meta, _CRF3_UNITS)
 
 
-def _photometry_columns(rng: np.random.Generator, six: BoolArray, magnitude: FloatArray) -> dict[str, Any]:
+def _photometry_columns(rng: np.random.Generator, has_six: BoolArray, magnitude: FloatArray) -> dict[str, Any]:
     """Colours, redshifts and quality; `nu` is the wavenumber of all."""
-    n = len(six)
+    n = len(has_six)
     wavenumber = rng.normal(1.589, 0.06, n)
     has_redshift = rng.random(n) < 0.6
     z, ruwe, colour_scatter = quasar_redshifts(n, rng), rng.lognormal(0.0, 0.04, n), rng.normal(0, 0.1, n)
-    spin, order, learnt = rng.random(n), *rng.spawn(2)
-    z = assign_redshifts(z, magnitude, order)
+    spin_draw, order_rng, learnt_rng = rng.random(n), *rng.spawn(2)
+    z = assign_redshifts(z, magnitude, order_rng)
     wavenumber += wavenumber_offset(z) - wavenumber_offset(z).mean()
     return {
         "nu": wavenumber,
-        "nu_eff_used_in_astrometry": np.where(six, np.nan, wavenumber).astype(np.float32),
-        "pseudocolour": np.where(six, wavenumber, np.nan).astype(np.float32),
-        "ruwe": np.where(six, 1.044, 1.013) * ruwe.astype(np.float32),
+        "nu_eff_used_in_astrometry": np.where(has_six, np.nan, wavenumber).astype(np.float32),
+        "pseudocolour": np.where(has_six, wavenumber, np.nan).astype(np.float32),
+        "ruwe": np.where(has_six, 1.044, 1.013) * ruwe.astype(np.float32),
         "phot_g_mean_mag": magnitude.astype(np.float32),
         "bp_rp": ((1.73 - wavenumber) / 0.2 + colour_scatter).astype(np.float32),
-        "redshift_qsoc": np.where(has_redshift, learnt_redshifts(z, learnt), np.nan).astype(np.float32),
-        "used_for_reference_frame_spin": ~six & (spin < 0.353),
+        "redshift_qsoc": np.where(has_redshift, learnt_redshifts(z, learnt_rng), np.nan).astype(np.float32),
+        "used_for_reference_frame_spin": ~has_six & (spin_draw < 0.353),
     }
 
 
-def _identifiers(lon, lat):
+def _make_source_ids(lon, lat):
     """Numbers as Gaia makes them: the HEALPix pixel of level 12, nested, then a running number."""
     pixel = pixels_of(lon, lat, 4096, nested=True)
     order = np.argsort(pixel, kind="stable")
     starts = np.searchsorted(pixel[order], pixel[order])
-    running = np.empty(len(pixel), np.int64)
-    running[order] = np.arange(len(pixel)) - starts
-    return pixel.astype(np.int64) * 2**35 + (running + 1) * 2**7
+    running_number = np.empty(len(pixel), np.int64)
+    running_number[order] = np.arange(len(pixel)) - starts
+    return pixel.astype(np.int64) * 2**35 + (running_number + 1) * 2**7

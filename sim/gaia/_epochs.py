@@ -19,10 +19,10 @@ from vsh.tools.types import ArrayLike, FloatArray, Release, Rng, Table
 from vsh.tools.units import MAS
 
 #: CCDs of the astrometric field along a row, and the time from one to the next. [ns]
-CCDS, _STEP = 9, 4.85e9
-_YEAR = 365.25 * 86400e9  # [ns]
+CCDS, _CCD_STEP = 9, 4.85e9
+_YEAR_NS = 365.25 * 86400e9  # [ns]
 #: Light takes so long for an astronomical unit. [ns]
-_AU = 499.004784e9
+_AU_NS = 499.004784e9
 #: Epoch of the positions. [Julian year, TCB]
 EPOCH = 2017.5
 _EPOCH_UNITS = {
@@ -35,7 +35,7 @@ _EPOCH_UNITS = {
 #: What stands where nothing was measured: the error of a centroid in RC3 of the pre-release. [mas]
 SENTINEL = 2.0628e8
 #: Knots of the attitude that stars and quasars are solved with [s], error of a transit of a star [µas], iterations.
-_KNOTS, _STAR, _ITERATIONS = 900.0, 100.0, 60
+_KNOT_STEP, _STAR_ERROR, _ITERATIONS = 900.0, 100.0, 60
 
 
 @arguments.accepts(population=arguments.a(Population), rng=arguments.seed, stars=arguments.whole)
@@ -115,8 +115,8 @@ def epochs(
     >>> len(table) > 20
     True
     """
-    noise, gaps, auxiliary = generator(rng).spawn(3)
-    mission = as_mission(NominalScanningLaw(years=5.5, rng=gaps) if mission is None else mission, release)
+    noise_rng, gap_rng, auxiliary_rng = generator(rng).spawn(3)
+    mission = as_mission(NominalScanningLaw(years=5.5, rng=gap_rng) if mission is None else mission, release)
     mission.check_frame(population.frame)
     share = arguments.not_negative("outliers", outliers)
     if share > 1:
@@ -128,35 +128,35 @@ def epochs(
     steady = truth.steady
     motion = steady(population.lon, population.lat, population.redshift) if steady.parts else np.zeros((2, len(error)))
     source, since = transits.source, law.start + transits.time - EPOCH
-    row = design_row(transits.angle, transits.parallax_factor, since)
-    position = motion[0, source] * row[3] + motion[1, source] * row[4]
+    design = design_row(transits.angle, transits.parallax_factor, since)
+    position = motion[0, source] * design[3] + motion[1, source] * design[4]
     if truth.changes:
         displacement = truth.displacement(population.lon[source], population.lat[source], since)
-        position += np.sum(displacement * row[:2], 0)
+        position += np.sum(displacement * design[:2], 0)
     shape = (len(source), CCDS)
     sigma = np.repeat(3 * error[source][:, None], CCDS, axis=1)
-    wrong = np.where(noise.random(shape) < share, 10.0, 1.0)
+    outlier_factor = np.where(noise_rng.random(shape) < share, 10.0, 1.0)
     excess = arguments.float_array("excess_noise", excess_noise, error.shape, broadcast=True)
     if not (excess >= 0).all():
         raise ParameterError(f"{np.sum(~(excess >= 0))} excess noises are below zero")
-    scatter = np.hypot(sigma * wrong, excess[source][:, None]) * noise.standard_normal(shape)
+    scatter = np.hypot(sigma * outlier_factor, excess[source][:, None]) * noise_rng.standard_normal(shape)
     if attitude == "solved":
         position -= _absorbed_by_attitude(
-            law, population, truth, transits, error, scatter.mean(1), stars, calibration, auxiliary, threads
+            law, population, truth, transits, error, scatter.mean(1), stars, calibration, auxiliary_rng, threads
         )
     centroid = position[:, None] + scatter
-    roemer = _roemer(law, transits.time, population.lon[source], population.lat[source])
-    steps = (np.arange(CCDS) - (CCDS - 1) / 2) * _STEP
-    at_sun = np.round((EPOCH - 2010.0 + since)[:, None] * _YEAR + steps)
-    early = np.round(roemer)[:, None]
+    roemer = _compute_roemer_delay(law, transits.time, population.lon[source], population.lat[source])
+    ccd_offsets = (np.arange(CCDS) - (CCDS - 1) / 2) * _CCD_STEP
+    sun_time = np.round((EPOCH - 2010.0 + since)[:, None] * _YEAR_NS + ccd_offsets)
+    bary_correction = np.round(roemer)[:, None]
 
     from vsh.io import tables
 
     columns = {
         "source_id": source.astype(np.int64) + 1,
-        "transit_id": _identifiers(transits, at_sun[:, 0], law.half_height),
-        "obs_time_tcb": (at_sun - early).astype(np.int64),
-        "obs_time_bary_corr": early[:, 0].astype(np.int64),
+        "transit_id": _make_transit_ids(transits, sun_time[:, 0], law.half_height),
+        "obs_time_tcb": (sun_time - bary_correction).astype(np.int64),
+        "obs_time_bary_corr": bary_correction[:, 0].astype(np.int64),
         "centroid_pos_al": centroid / MAS,
         "centroid_pos_error_al": sigma / MAS,
         "scan_pos_angle": np.degrees(transits.angle),
@@ -167,12 +167,12 @@ def epochs(
         "agis_source_excess_noise": excess[source] / MAS,
     }
     if complete:
-        columns = _complete(columns, transits, np.asarray(population.magnitude, float)[source], auxiliary)
+        columns = _complete_columns(columns, transits, np.asarray(population.magnitude, float)[source], auxiliary_rng)
     units = {name: unit for name, unit in _EPOCH_UNITS.items() if name in columns}
     return tables.table_of(columns, {"REFEPOCH": EPOCH, "RELEASE": "simulated DR4 epoch astrometry"}, units)
 
 
-def _identifiers(transits, time, half_height):
+def _make_transit_ids(transits, time, half_height):
     """transit_id as ESA's epochs of Gaia BH3 have it: rising with time, then the field of view and the row of CCDs."""
     view = np.where(transits.view > 0, 0, 1).astype(np.int64)
     row = np.clip(np.floor(3.5 * (transits.across / half_height + 1)), 0, 6).astype(np.int64) + 1
@@ -184,20 +184,20 @@ def _absorbed_by_attitude(law, population, truth, transits, error, scatter, star
     """Part of each transit that an attitude and a basic angle solved together with all sources take. [µas]"""
     from sim.agis import System, observations, scans  # numba and sparse matrices, for this alone
 
-    positions, noise = rng.spawn(2)
-    lon, lat = uniform_sky(stars, positions)
+    position_rng, noise_rng = rng.spawn(2)
+    lon, lat = uniform_sky(stars, position_rng)
     n = len(error)
-    sigma = np.r_[error, np.full(stars, _STAR)]
+    sigma = np.r_[error, np.full(stars, _STAR_ERROR)]
     scan_data = scans(
-        law, np.r_[population.lon, lon], np.r_[population.lat, lat], sigma, 5 * sigma, knots=_KNOTS, threads=threads
+        law, np.r_[population.lon, lon], np.r_[population.lat, lat], sigma, 5 * sigma, knots=_KNOT_STEP, threads=threads
     )
     system, time = System(scan_data, threads=threads, calibration=calibration), scan_data.time()
-    indices = np.flatnonzero(scan_data.source < n)
-    indices = indices[np.lexsort([time[indices], scan_data.source[indices]])]  # in the order of the transits
-    if not np.array_equal(scan_data.source[indices], transits.source):
+    rows = np.flatnonzero(scan_data.source < n)
+    rows = rows[np.lexsort([time[rows], scan_data.source[rows]])]  # in the order of the transits
+    if not np.array_equal(scan_data.source[rows], transits.source):
         raise ParameterError("transits at the edges of the mission differ: take another mission")
-    along, across = observations(scan_data, noise)
-    along[indices] = scatter
+    along, across = observations(scan_data, noise_rng)
+    along[rows] = scatter
     if truth.changes:
         sin, cos = scan_data.sin.astype(float), scan_data.cos.astype(float)
         east, north = truth.displacement(
@@ -207,23 +207,23 @@ def _absorbed_by_attitude(law, population, truth, transits, error, scatter, star
         across += north * sin - east * cos
     solution = system.solve(along, across, stop=None, iterations=_ITERATIONS)
     prediction, _ = system.predict(np.zeros((len(sigma), 5)), solution.attitude, solution.angle)
-    return prediction[indices]
+    return prediction[rows]
 
 
-def _complete(columns: dict[str, Any], transits: Transits, magnitude: FloatArray, rng: np.random.Generator):
+def _complete_columns(columns: dict[str, Any], transits: Transits, magnitude: FloatArray, rng: np.random.Generator):
     """All columns of the pre-release: ten CCDs, of which the first is the sky mapper's."""
     k = len(magnitude)
 
-    def ten_ccds(values, mapper_value, dtype):
-        values = np.broadcast_to(np.reshape(values, (k, -1)), (k, CCDS))
-        return np.concatenate([np.full((k, 1), mapper_value), values], 1).astype(dtype)
+    def add_sky_mapper(ccd_values, mapper_value, dtype):
+        ccd_values = np.broadcast_to(np.reshape(ccd_values, (k, -1)), (k, CCDS))
+        return np.concatenate([np.full((k, 1), mapper_value), ccd_values], 1).astype(dtype)
 
     error = np.asarray(columns["centroid_pos_error_al"])
-    lost = rng.random((k, CCDS)) < 0.002  # nothing was measured
+    is_lost = rng.random((k, CCDS)) < 0.002  # nothing was measured
     times = np.asarray(columns["obs_time_tcb"])
-    tenth = np.concatenate([times[:, :1] - int(7.26e9), times], 1)
-    centroid, sigma = np.where(lost, np.nan, columns["centroid_pos_al"]), np.where(lost, SENTINEL, error)
-    none, unset = np.zeros((k, 1)), np.zeros(k, np.int16)
+    ten_times = np.concatenate([times[:, :1] - int(7.26e9), times], 1)
+    centroid, sigma = np.where(is_lost, np.nan, columns["centroid_pos_al"]), np.where(is_lost, SENTINEL, error)
+    zeros, zero_flags = np.zeros((k, 1)), np.zeros(k, np.int16)
     return {
         "solution_id": np.full(k, 2888461026632663040, np.int64),
         **{name: columns[name] for name in ("source_id", "transit_id", "ra0", "dec0")},
@@ -234,37 +234,37 @@ def _complete(columns: dict[str, Any], transits: Transits, magnitude: FloatArray
         "parallax_factor_ac": np.full(k, np.sqrt(0.5), np.float32),
         "nu_eff_used_in_astrometry": np.full(k, 1.589, np.float32),
         "nu_eff_error": np.full(k, 0.01, np.float32),
-        "transit_acq_flags": unset,
-        "transit_proc_flags": unset,
+        "transit_acq_flags": zero_flags,
+        "transit_proc_flags": zero_flags,
         "multipeak": np.zeros(k, bool),
         "blended": np.zeros(k, bool),
         "g_mag": magnitude.astype(np.float32),
         "g_class": np.where(magnitude < 13, 0, np.where(magnitude < 16, 1, 2)).astype(np.int16),
         "ac_rate": rng.normal(0, 0.5, k).astype(np.float32),
-        "obs_time_tcb": tenth,
-        "scan_pos_angle": ten_ccds(columns["scan_pos_angle"], np.nan, float),
-        "colour_factor_al": ten_ccds(none, 0.0, np.float32),
-        "colour_factor_ac": ten_ccds(none, np.nan, np.float32),
-        "centroid_pos_al": ten_ccds(centroid, 46_009.93, float),
+        "obs_time_tcb": ten_times,
+        "scan_pos_angle": add_sky_mapper(columns["scan_pos_angle"], np.nan, float),
+        "colour_factor_al": add_sky_mapper(zeros, 0.0, np.float32),
+        "colour_factor_ac": add_sky_mapper(zeros, np.nan, np.float32),
+        "centroid_pos_al": add_sky_mapper(centroid, 46_009.93, float),
         "centroid_pos_ac": np.full((k, 10), np.nan),
-        "calculated_pos_ac": ten_ccds(none, np.nan, float),
-        "centroid_pos_error_al": ten_ccds(sigma, 0.3024, np.float32),
+        "calculated_pos_ac": add_sky_mapper(zeros, np.nan, float),
+        "centroid_pos_error_al": add_sky_mapper(sigma, 0.3024, np.float32),
         "centroid_pos_error_ac": np.full((k, 10), np.nan, np.float32),
-        "used_by_agis_al": ten_ccds(~lost, False, bool),
+        "used_by_agis_al": add_sky_mapper(~is_lost, False, bool),
         "used_by_agis_ac": np.zeros((k, 10), bool),
         "ccd_proc_flags": np.zeros((k, 10), np.int16),
-        "ipd_error_al": ten_ccds(error, np.nan, np.float32),
+        "ipd_error_al": add_sky_mapper(error, np.nan, np.float32),
         "ipd_error_ac": np.full((k, 10), np.nan, np.float32),
-        "gates": ten_ccds(none, 12, np.int16),
-        "source_dist_to_last_ci": ten_ccds(rng.uniform(0, 2000, (k, CCDS)), np.nan, np.float32),
-        "sub_pixel_coord": ten_ccds(rng.random((k, CCDS)), 0.0, np.float32),
-        "mu": ten_ccds(rng.uniform(13, 1991, (k, CCDS)), 1000.0, np.float32),
+        "gates": add_sky_mapper(zeros, 12, np.int16),
+        "source_dist_to_last_ci": add_sky_mapper(rng.uniform(0, 2000, (k, CCDS)), np.nan, np.float32),
+        "sub_pixel_coord": add_sky_mapper(rng.random((k, CCDS)), 0.0, np.float32),
+        "mu": add_sky_mapper(rng.uniform(13, 1991, (k, CCDS)), 1000.0, np.float32),
     }
 
 
-def _roemer(law, time, lon, lat):
+def _compute_roemer_delay(law, time, lon, lat):
     """Time by which a signal is seen earlier at Gaia than at the Sun. [ns]"""
     longitude, distance = sun_position(law.start, time)
     toward_sun = rotation_matrix("ecliptic", "icrs") @ triad(longitude, np.zeros_like(longitude))[2]
     # Gaia stands 1 % beyond the Earth, away from the Sun.
-    return -1.01 * distance * np.einsum("ik,ik->k", toward_sun, triad(lon, lat)[2]) * _AU
+    return -1.01 * distance * np.einsum("ik,ik->k", toward_sun, triad(lon, lat)[2]) * _AU_NS

@@ -25,14 +25,14 @@ from vsh.tools.units import AU_PER_YEAR, UAS
 from vsh.vector import Vector
 
 #: Gaia's errors in units of that of the parallax: α*, δ, ϖ, µ_α*, µ_δ (Lindegren et al. 2021, A&A 649, A2).
-_GAIA = np.array([0.8, 0.75, 1.0, 1.03, 0.9])
+_GAIA_FACTORS = np.array([0.8, 0.75, 1.0, 1.03, 0.9])
 #: Errors of VLBI: median position [µas], parallax [µas], motion times the span [µas], and their spread in dex.
-_VLBI, _DEX = np.array([120.0, 120.0, 60.0, 180.0, 180.0]), 0.3
+_VLBI_ERRORS, _VLBI_DEX = np.array([120.0, 120.0, 60.0, 180.0, 180.0]), 0.3
 #: Epochs that VLBI was made at, and spans of it. [yr]
-_EPOCHS, _SPANS = (1992.0, 2018.0), (1.0, 8.0)
+_VLBI_EPOCHS, _VLBI_SPANS = (1992.0, 2018.0), (1.0, 8.0)
 #: Orbits of binaries: offsets of position [µas] and of motion [µas/yr], each coordinate.
 _ORBIT = 1500.0, 700.0
-_GAIA_EPOCH, _FIXED = 2016.0, 2015.0
+_GAIA_EPOCH, _FIXED_EPOCH = 2016.0, 2015.0
 
 
 @arguments.accepts(rng=arguments.seed, n=arguments.whole, epochs=arguments.whole)
@@ -120,91 +120,91 @@ def link(
     motion += np.where(still, np.stack([drift @ p, drift @ q]), 0.0)
     if frame is None:
         orientations = np.tile(np.asarray(orientation, float)[:, None], total)
-        turning = np.asarray(spin, float)[:, None] + np.asarray(jump, float)[:, None] * (magnitude >= step)
+        spins = np.asarray(spin, float)[:, None] + np.asarray(jump, float)[:, None] * (magnitude >= step)
     else:
-        orientations, turning = frame(magnitude)
+        orientations, spins = frame(magnitude)
     truth = np.vstack([lon, lat, parallax, motion])
     error_factor = wrong * np.ones(total)
     if np.isfinite(tails):
         error_factor /= np.sqrt(rng.chisquare(tails, total) / tails)
-    orbit = np.zeros((5, total))
-    double = ~still & (rng.uniform(size=total) < binaries)
-    orbit[:2] = _ORBIT[0] * rng.standard_normal((2, total)) * double + offset * rng.standard_normal((2, total)) * still
-    orbit[3:] = _ORBIT[1] * rng.standard_normal((2, total)) * double
+    shift = np.zeros((5, total))
+    binary = ~still & (rng.uniform(size=total) < binaries)
+    shift[:2] = _ORBIT[0] * rng.standard_normal((2, total)) * binary + offset * rng.standard_normal((2, total)) * still
+    shift[3:] = _ORBIT[1] * rng.standard_normal((2, total)) * binary
     calibrator_index = np.where(still, -1, np.arange(total) % calibrators if calibrators else np.arange(total))
     if star_offset:
-        orbit[:2] += star_offset * rng.standard_normal((2, total)) * ~still
+        shift[:2] += star_offset * rng.standard_normal((2, total)) * ~still
     if calibrator_error:
-        orbit[:2] += (calibrator_error * rng.standard_normal((2, calibrator_index.max() + 1)))[
+        shift[:2] += (calibrator_error * rng.standard_normal((2, calibrator_index.max() + 1)))[
             :, calibrator_index
         ] * ~still
     calibrator_names = np.where(
         still | (calibrators == 0), "", np.char.add("calibrator ", calibrator_index.astype(str))
     )
 
-    sigma = _GAIA[:, None] * parallax_error(np.maximum(magnitude, 9.0))
+    sigma = _GAIA_FACTORS[:, None] * parallax_error(np.maximum(magnitude, 9.0))
     root = np.linalg.cholesky(np.eye(5) + 0.3 * (np.ones((5, 5)) - np.eye(5)))
-    gaia = sigma * (root @ rng.standard_normal((5, total))) * error_factor
-    gaia[:2] += np.stack([np.sum(q * orientations, 0), -np.sum(p * orientations, 0)])
-    gaia[3:] += np.stack([np.sum(q * turning, 0), -np.sum(p * turning, 0)])
+    gaia_errors = sigma * (root @ rng.standard_normal((5, total))) * error_factor
+    gaia_errors[:2] += np.stack([np.sum(q * orientations, 0), -np.sum(p * orientations, 0)])
+    gaia_errors[3:] += np.stack([np.sum(q * spins, 0), -np.sum(p * spins, 0)])
     covariance = (root @ root.T)[None] * sigma.T[:, :, None] * sigma.T[:, None, :]
-    rows = [(np.arange(total), np.full(total, _GAIA_EPOCH), "gaia", truth, gaia, covariance)]
+    row_sets = [(np.arange(total), np.full(total, _GAIA_EPOCH), "gaia", truth, gaia_errors, covariance)]
 
-    factor = 10 ** (_DEX * rng.standard_normal(total))
-    once = ~still & (rng.uniform(size=total) < single)
-    epoch = np.where(still, _FIXED, rng.uniform(*_EPOCHS, total))
-    sigma = _VLBI[:, None] * factor
-    sigma[3:] /= rng.uniform(*_SPANS, total)
-    for k in range(epochs if once.any() else 1):
-        indices = np.flatnonzero(once if k else np.ones(total, bool))
-        t = (epoch + np.where(once, k * 0.37, 0.0))[indices]
+    factor = 10 ** (_VLBI_DEX * rng.standard_normal(total))
+    is_single_epoch = ~still & (rng.uniform(size=total) < single)
+    epoch = np.where(still, _FIXED_EPOCH, rng.uniform(*_VLBI_EPOCHS, total))
+    sigma = _VLBI_ERRORS[:, None] * factor
+    sigma[3:] /= rng.uniform(*_VLBI_SPANS, total)
+    for k in range(epochs if is_single_epoch.any() else 1):
+        indices = np.flatnonzero(is_single_epoch if k else np.ones(total, bool))
+        t = (epoch + np.where(is_single_epoch, k * 0.37, 0.0))[indices]
         later, _ = propagate(truth[:, indices], velocity[indices], _GAIA_EPOCH, t)
         east, north, _ = triad(later[0], later[1])
-        error = sigma[:, indices] * rng.standard_normal((5, len(indices))) * error_factor[indices] + orbit[:, indices]
-        error[:2] += orbit[3:, indices] * (t - _GAIA_EPOCH)
-        is_single = once[indices]
-        b = earth(t)
-        error[:2] -= is_single * later[2] * np.stack([np.sum(east * b, 0), np.sum(north * b, 0)])
+        error = sigma[:, indices] * rng.standard_normal((5, len(indices))) * error_factor[indices] + shift[:, indices]
+        error[:2] += shift[3:, indices] * (t - _GAIA_EPOCH)
+        is_single = is_single_epoch[indices]
+        observer = earth(t)
+        error[:2] -= is_single * later[2] * np.stack([np.sum(east * observer, 0), np.sum(north * observer, 0)])
         is_star = ~still[indices]
-        error[:2] -= is_star * (t - _FIXED) * np.stack([drift @ east, drift @ north])
+        error[:2] -= is_star * (t - _FIXED_EPOCH) * np.stack([drift @ east, drift @ north])
         error[3:] -= is_star * np.stack([drift @ east, drift @ north])
         variance = sigma[:, indices] ** 2
         variance[2:, is_single | still[indices]] = np.nan
         later[2:, is_single | still[indices]] = np.nan
-        rows.append((indices, t, "vlbi", later, error, variance.T[:, :, None] * np.eye(5)))
-    return _rows(rows, magnitude, velocity, still, calibrator_names)
+        row_sets.append((indices, t, "vlbi", later, error, variance.T[:, :, None] * np.eye(5)))
+    return _make_rows(row_sets, magnitude, velocity, still, calibrator_names)
 
 
-def _rows(rows, magnitude, velocity, still, calibrator_names):
+def _make_rows(row_sets, magnitude, velocity, still, calibrator_names):
     """Rows of both catalogues, errors added to what is true."""
-    parts = []
-    for indices, t, label, values, error, covariance in rows:
-        p, q, r = triad(values[0], values[1])
+    tables = []
+    for indices, t, label, truth, error, covariance in row_sets:
+        p, q, r = triad(truth[0], truth[1])
         lon, lat = angles(r + UAS * (p * error[0] + q * error[1]))
         names = np.where(still[indices], "quasar ", "star ").astype(object) + indices.astype(str)
         is_finite = np.isfinite(np.diagonal(covariance, axis1=1, axis2=2))
-        parts += [AstrometryRows(
-            names.astype(str), np.full(len(indices), label), t, lon, lat, values[2] + error[2], values[3:] + error[3:],
+        tables += [AstrometryRows(
+            names.astype(str), np.full(len(indices), label), t, lon, lat, truth[2] + error[2], truth[3:] + error[3:],
             np.where(is_finite[:, :, None] & is_finite[:, None, :], covariance, np.nan),
             radial_velocity=velocity[indices], magnitude=magnitude[indices], still=still[indices],
             calibrator=calibrator_names[indices] if label == "vlbi" else None,
         )]  # fmt: skip
-    return reduce(add, parts)
+    return reduce(add, tables)
 
 
 #: By how much systematic errors are smaller than Gaia EDR3 published (Lindegren et al. 2021), whose quasars show about
 #: a third of it; as proper motions improve, with the mission's length to the power of 1.5.
 TRAPS = {"DR3": 1 / 3, "DR4": (34 / 66) ** 1.5 / 3}
 #: Its parts: the same for all sources, of the faint, of the blue. Their squares add up to one for those that have all.
-_COMMON, _OWN = np.sqrt(0.5), np.sqrt(0.25)
+_COMMON_FACTOR, _OWN_FACTOR = np.sqrt(0.5), np.sqrt(0.25)
 #: Stars whose motions are within five errors pass for quasars (Klioner et al. 2022, sect. 2); how many is a guess.
-_STARS, _WITHIN = 0.005, 5.0
+_STAR_SHARE, _MAX_SIGMAS = 0.005, 5.0
 #: Quoted errors are too small by a tenth at the faint end: a guess.
-_FAINT, _TOO_SMALL = (17.0, 21.0), 0.1
+_FAINT_RANGE, _FAINT_INFLATION = (17.0, 21.0), 0.1
 #: Error of a learnt redshift, and the share of those that are wrong altogether.
-_LEARNT, _WRONG = 0.1, 0.05
+_LEARNT_ERROR, _WRONG_SHARE = 0.1, 0.05
 #: Visibility periods are groups of transits that are so many days apart.
-_PERIOD = 4.0 / 365.25
+_PERIOD_GAP = 4.0 / 365.25
 
 
 def wavenumber_offset(z: FloatArray) -> FloatArray:
@@ -217,15 +217,15 @@ def wavenumber_offset(z: FloatArray) -> FloatArray:
 
 def learnt_redshifts(z: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Redshifts as a machine reads them from spectra: an error of 0.1, and one in twenty another source's."""
-    wrong = rng.random(len(z)) < _WRONG
-    return np.maximum(np.where(wrong, rng.permutation(z), z + rng.normal(0, _LEARNT, len(z))), 0.01)
+    is_wrong = rng.random(len(z)) < _WRONG_SHARE
+    return np.maximum(np.where(is_wrong, rng.permutation(z), z + rng.normal(0, _LEARNT_ERROR, len(z))), 0.01)
 
 
 def scan_columns(transits: Transits, n: int) -> dict[str, FloatArray]:
     """Visibility periods, transits, and the second moment of scan directions of n places, as Gaia has them."""
     counts = transits.counts(n)
     is_start = np.ones(len(transits), bool)
-    is_start[1:] = (np.diff(transits.source) != 0) | (np.diff(transits.time) > _PERIOD)
+    is_start[1:] = (np.diff(transits.source) != 0) | (np.diff(transits.time) > _PERIOD_GAP)
     moment = np.bincount(transits.source, np.cos(2 * transits.angle), n) + 1j * np.bincount(
         transits.source, np.sin(2 * transits.angle), n
     )
@@ -240,8 +240,8 @@ def scan_columns(transits: Transits, n: int) -> dict[str, FloatArray]:
 
 def error_inflation(magnitude: FloatArray) -> FloatArray:
     """True errors over quoted ones."""
-    lower, upper = _FAINT
-    return 1 + _TOO_SMALL * np.clip((magnitude - lower) / (upper - lower), 0, 1)
+    lower, upper = _FAINT_RANGE
+    return 1 + _FAINT_INFLATION * np.clip((magnitude - lower) / (upper - lower), 0, 1)
 
 
 def systematic_motions(
@@ -249,12 +249,12 @@ def systematic_motions(
     rng: np.random.Generator,
 ) -> FloatArray:  # fmt: skip
     """Motions that sources share, by all, magnitude and colour, and those of stars; (2, n). [µas/yr]"""
-    systematics_rng, stars = rng.spawn(2)
+    systematics_rng, star_rng = rng.spawn(2)
     spectrum = TRAPS[release] ** 2 * Spectrum.from_covariance(LINDEGREN_2021)
-    motion = _COMMON * systematics(spectrum, systematics_rng)(lon, lat)
-    for values, threshold in ((magnitude, np.median(magnitude)), (wavenumber, np.median(wavenumber))):
-        motion += _OWN * systematics(spectrum, systematics_rng)(lon, lat) * (values > threshold)
-    indices = np.flatnonzero(stars.random(len(lon)) < _STARS)
-    angle, radius = stars.uniform(0, 2 * np.pi, len(indices)), _WITHIN * np.sqrt(stars.random(len(indices)))
+    motion = _COMMON_FACTOR * systematics(spectrum, systematics_rng)(lon, lat)
+    for property_values, threshold in ((magnitude, np.median(magnitude)), (wavenumber, np.median(wavenumber))):
+        motion += _OWN_FACTOR * systematics(spectrum, systematics_rng)(lon, lat) * (property_values > threshold)
+    indices = np.flatnonzero(star_rng.random(len(lon)) < _STAR_SHARE)
+    angle, radius = star_rng.uniform(0, 2 * np.pi, len(indices)), _MAX_SIGMAS * np.sqrt(star_rng.random(len(indices)))
     motion[:, indices] += np.stack([np.cos(angle), np.sin(angle)]) * radius * sigma[:, indices]
     return motion

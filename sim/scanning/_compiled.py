@@ -14,7 +14,7 @@ def _height(r, i, axis, k):
 
 @compile_loops()
 def crossings(
-    r: FloatArray, axes: tuple, times: FloatArray, reach: FloatArray, chunk: int, wide: float, half: float
+    r: FloatArray, axes: tuple, times: FloatArray, reach: FloatArray, chunk: int, max_height: float, half_angle: float
 ) -> tuple[IntArray, FloatArray, IntArray]:
     """Source, time and field of all crossings, by source and time; axes and directions are rows of three."""
     z, u, w = axes
@@ -23,22 +23,22 @@ def crossings(
     count, spins, turn = 0, len(times) - 1, 2 * np.pi
     for i in range(len(r)):
         for c in range(len(reach)):
-            if not abs(_height(r, i, z, chunk * c)) < wide + reach[c]:
+            if not abs(_height(r, i, z, chunk * c)) < max_height + reach[c]:
                 continue
             h1 = _height(r, i, z, chunk * c)
             for k in range(chunk * c, min(chunk * (c + 1), spins)):
                 h0, h1 = h1, _height(r, i, z, k + 1)
-                if (h0 >= wide and h1 >= wide) or (h0 <= -wide and h1 <= -wide):
+                if (h0 >= max_height and h1 >= max_height) or (h0 <= -max_height and h1 <= -max_height):
                     continue
                 azimuth = np.arctan2(_height(r, i, w, k), _height(r, i, u, k))
-                azimuth_change = np.arctan2(_height(r, i, w, k + 1), _height(r, i, u, k + 1)) - azimuth
-                azimuth_change -= turn * np.round(azimuth_change / turn)
+                azimuth_shift = np.arctan2(_height(r, i, w, k + 1), _height(r, i, u, k + 1)) - azimuth
+                azimuth_shift -= turn * np.round(azimuth_shift / turn)
                 for view in (1, -1):
-                    phase = (azimuth - view * half) % turn
+                    phase = (azimuth - view * half_angle) % turn
                     # Where the azimuth of a source falls, a field may meet it twice in a spin.
-                    for lap in range(2 if phase < -azimuth_change else 1):
-                        share = (phase + lap * turn) / (turn - azimuth_change)
-                        if not (share < 1 and abs(h0 + share * (h1 - h0)) < wide):
+                    for lap in range(2 if phase < -azimuth_shift else 1):
+                        share = (phase + lap * turn) / (turn - azimuth_shift)
+                        if not (share < 1 and abs(h0 + share * (h1 - h0)) < max_height):
                             continue
                         if count == size:
                             owner, time = np.append(owner, owner), np.append(time, time)

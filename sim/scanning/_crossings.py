@@ -32,19 +32,19 @@ class Cubics:
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Its values at places x, (n,)."""
-        (a, b, c, d), fraction = self._at(x)
+        (a, b, c, d), fraction = self._find_interval(x)
         return a + fraction * (b + fraction * (c + fraction * d))
 
     def slope(self, x: FloatArray) -> FloatArray:
         """Its slopes there."""
-        (_, b, c, d), fraction = self._at(x)
+        (_, b, c, d), fraction = self._find_interval(x)
         return (b + fraction * (2 * c + fraction * 3 * d)) / self.step
 
-    def _at(self, x):
-        """Powers of the interval of each place, and how far into it that is; beyond the ends they go on."""
-        along = np.asarray(x, float) / self.step
-        index = np.clip(along.astype(int), 0, self.powers.shape[1] - 1)
-        return self.powers[:, index], along - index
+    def _find_interval(self, x):
+        """Coefficients of the cubic at each place, and how far into its interval that is; the end ones go on beyond."""
+        position = np.asarray(x, float) / self.step
+        index = np.clip(position.astype(int), 0, self.powers.shape[1] - 1)
+        return self.powers[:, index], position - index
 
 
 YEAR = 365.25  # days
@@ -59,18 +59,18 @@ def _mean_angles(start, time):
 
 def sun_position(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Ecliptic longitude [rad] and distance [AU] of the Sun, equinox J2000, to 0.01° (Astronomical Almanac, C5)."""
-    g, mean = _mean_angles(start, time)
+    g, mean_longitude = _mean_angles(start, time)
     sin, cos = sin_cos(g)
     # sin 2g = 2 sin g cos g, cos 2g = 2 cos² g − 1
-    longitude = mean + (1.915 + 0.040 * cos) * sin * DEGREE
+    longitude = mean_longitude + (1.915 + 0.040 * cos) * sin * DEGREE
     return longitude, 1.00028 - (0.01671 + 0.00028 * cos) * cos
 
 
 def sun_rate(start: float, time: FloatArray) -> FloatArray:
     """dλ/dt [rad/yr]."""
     g, _ = _mean_angles(start, time)
-    turn = 0.9856003 * DEGREE * YEAR
-    return _MEAN_RATE * DEGREE * YEAR + (1.915 * np.cos(g) + 0.040 * np.cos(2 * g)) * DEGREE * turn
+    anomaly_rate = 0.9856003 * DEGREE * YEAR
+    return _MEAN_RATE * DEGREE * YEAR + (1.915 * np.cos(g) + 0.040 * np.cos(2 * g)) * DEGREE * anomaly_rate
 
 
 def sun_direction(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -105,7 +105,7 @@ class Spins:
         self.reach = np.sqrt(np.sum((self.chunks - self.chunks[:, :, :1]) ** 2, 0)).max(1)
 
     def crossings(
-        self, r: FloatArray, wide: float, half: float, *, compiled: bool = False
+        self, r: FloatArray, max_height: float, half_angle: float, *, compiled: bool = False
     ) -> tuple[IntArray, FloatArray, IntArray]:
         """Source, time and field (1 preceding, −1 following) of all crossings, ordered by source and time.
 
@@ -113,10 +113,10 @@ class Spins:
         ----------
         r : (3, n) array
             Directions of the sources, in the axes of z.
-        wide : float
+        max_height : float
             Height above the scan circle, to either side, within which a source is met; between the starts of two spins
             heights are taken as linear.
-        half : float
+        half_angle : float
             Half the basic angle. [rad]
         compiled : bool
             By numba, which must be there; otherwise by NumPy.
@@ -125,20 +125,20 @@ class Spins:
             from sim.scanning import _compiled
 
             directions, *axes = (np.ascontiguousarray(vectors.T) for vectors in (r, self.z, self.u, self.w))
-            return _compiled.crossings(directions, tuple(axes), self.times, self.reach, CHUNK, wide, half)
-        source, spin, h0, h1 = self._find_near_sources(r, wide)
+            return _compiled.crossings(directions, tuple(axes), self.times, self.reach, CHUNK, max_height, half_angle)
+        source, spin, h0, h1 = self._find_near_sources(r, max_height)
         directions = r[:, source]
         azimuth = np.arctan2(dot(directions, self.w[:, spin]), dot(directions, self.u[:, spin]))
-        turn = np.arctan2(dot(directions, self.w[:, spin + 1]), dot(directions, self.u[:, spin + 1])) - azimuth
-        turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
+        azimuth_shift = np.arctan2(dot(directions, self.w[:, spin + 1]), dot(directions, self.u[:, spin + 1])) - azimuth
+        azimuth_shift -= 2 * np.pi * np.round(azimuth_shift / (2 * np.pi))
         crossings = []
         for view in (1, -1):
             # Where in the spin Ω(f) = 2π f meets the azimuth of the source less that of the field.
-            phase = (azimuth - view * half) % (2 * np.pi)
+            phase = (azimuth - view * half_angle) % (2 * np.pi)
             # Where the azimuth of a source falls, a field may meet it twice in a spin.
-            for rows, lap_angle in ((slice(None), 0.0), (np.flatnonzero(phase < -turn), 2 * np.pi)):
-                share = (phase[rows] + lap_angle) / (2 * np.pi - turn[rows])
-                hit = np.flatnonzero((share < 1) & (np.abs(h0[rows] + share * (h1 - h0)[rows]) < wide))
+            for rows, lap_angle in ((slice(None), 0.0), (np.flatnonzero(phase < -azimuth_shift), 2 * np.pi)):
+                share = (phase[rows] + lap_angle) / (2 * np.pi - azimuth_shift[rows])
+                hit = np.flatnonzero((share < 1) & (np.abs(h0[rows] + share * (h1 - h0)[rows]) < max_height))
                 hit_spins = spin[rows][hit]
                 time = self.times[hit_spins] + share[hit] * (self.times[hit_spins + 1] - self.times[hit_spins])
                 crossings.append((source[rows][hit], time, np.full(len(hit), view)))
@@ -156,9 +156,9 @@ class Spins:
         is_below, is_above = height < max_height, height > -max_height
         row, offset = np.nonzero((is_below[:, :-1] | is_below[:, 1:]) & (is_above[:, :-1] | is_above[:, 1:]))
         spin = chunk[row] * CHUNK + offset
-        valid = spin < self.z.shape[1] - 1
-        row, offset = row[valid], offset[valid]
-        return source[row], spin[valid], height[row, offset], height[row, offset + 1]
+        has_end = spin < self.z.shape[1] - 1
+        row, offset = row[has_end], offset[has_end]
+        return source[row], spin[has_end], height[row, offset], height[row, offset + 1]
 
 
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -167,10 +167,10 @@ def dot(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 #: Mean length of the lost intervals that are drawn. [yr]
-_MEAN = 0.25 / 365.25
+_MEAN_GAP = 0.25 / 365.25
 
 
-def check_gaps(gaps: Sequence[tuple[float, float]] | FloatArray) -> FloatArray:
+def sort_gaps(gaps: Sequence[tuple[float, float]] | FloatArray) -> FloatArray:
     """Gaps in the order of time, (k, 2): starts, and ends that do not fall. [yr]"""
     intervals = float_array("gaps", gaps if len(gaps) else np.empty((0, 2)))
     if intervals.ndim != 2 or intervals.shape[1] != 2 or (intervals[:, 0] >= intervals[:, 1]).any():
@@ -188,16 +188,16 @@ def draw_gaps(years: float, dead_time: float, rng: Rng | None) -> FloatArray:
     if rng is None:
         raise ParameterError("a dead time needs rng, which draws its gaps")
     rng = generator(rng)
-    number = max(1, round(years * dead_time / _MEAN))
-    lengths = rng.exponential(_MEAN, number)
+    n_gaps = max(1, round(years * dead_time / _MEAN_GAP))
+    lengths = rng.exponential(_MEAN_GAP, n_gaps)
     lengths *= years * dead_time / lengths.sum()
     # Free time is cut at random; gaps go into the cuts, so none overlaps another.
-    cut_times = np.sort(rng.uniform(0, years * (1 - dead_time), number))
+    cut_times = np.sort(rng.uniform(0, years * (1 - dead_time), n_gaps))
     starts = cut_times + np.cumsum(lengths) - lengths
     return np.stack([starts, starts + lengths], axis=1)
 
 
-def outside_gaps(time: FloatArray, gaps: FloatArray) -> BoolArray:
+def is_outside_gaps(time: FloatArray, gaps: FloatArray) -> BoolArray:
     """Mask of the times in no gap, (n,)."""
     before = np.searchsorted(gaps[:, 0], time, side="right") - 1
     return (before < 0) | (time >= np.append(gaps[:, 1], 0.0)[before])
@@ -221,8 +221,8 @@ def find_gaps(time: ArrayLike, start: float, *, longest: float = 0.003) -> tuple
     [(0.001, 0.1)]
     """
     times = np.sort(np.ravel(float_array("time", time))) - number("start", start)
-    at = np.flatnonzero(np.diff(times) > positive("longest", longest))
-    return tuple((float(times[i]), float(times[i + 1])) for i in at)
+    gap_starts = np.flatnonzero(np.diff(times) > positive("longest", longest))
+    return tuple((float(times[i]), float(times[i + 1])) for i in gap_starts)
 
 
 class TabulatedLaw(InNotebook):

@@ -22,10 +22,10 @@ from sim.scanning._crossings import (
     YEAR,
     Cubics,
     Spins,
-    check_gaps,
     dot,
     draw_gaps,
-    outside_gaps,
+    is_outside_gaps,
+    sort_gaps,
     sun_direction,
     sun_position,
     sun_rate,
@@ -40,8 +40,8 @@ from vsh.tools.types import ArrayLike, FloatArray, IntArray, Rng
 from vsh.tools.units import DEGREE
 
 #: Steps of ν in a turn: at the slowest speed, 1.5, a Fourier term of that order is 1e-53 of the first.
-_STEPS = 256
-_SLOWEST = 1.5
+_PHASE_STEPS = 256
+_MIN_SPEED = 1.5
 
 
 class _PeriodicIntegral:
@@ -51,8 +51,8 @@ class _PeriodicIntegral:
         order = np.arange(1, len(values) // 2)
         waves = np.fft.rfft(values)[: len(order) + 1] / len(values)
         terms = 2 * waves[1:] / (1j * order)
-        large = np.flatnonzero(np.abs(terms) > 1e-17 * abs(waves[0]))
-        self.slope, self.terms = waves[0].real, terms[: large[-1] + 1 if len(large) else 0]
+        significant = np.flatnonzero(np.abs(terms) > 1e-17 * abs(waves[0]))
+        self.slope, self.terms = waves[0].real, terms[: significant[-1] + 1 if len(significant) else 0]
 
     def __call__(self, nu: Any) -> Any:
         wave, total = np.exp(1j * nu), np.zeros(np.shape(nu), complex)
@@ -73,14 +73,14 @@ class Precession:
     """
 
     def __init__(self, precessions: float, xi: float):
-        nu = 2 * np.pi * np.arange(_STEPS) / _STEPS
-        self.xi, self.speed = xi, _SLOWEST
+        nu = 2 * np.pi * np.arange(_PHASE_STEPS) / _PHASE_STEPS
+        self.xi, self.speed = xi, _MIN_SPEED
         # The mean of 1/g falls with S and is convex: Newton's steps from below do not overshoot.
         for _ in range(100):
             rate = self.rate(nu)
             slope = self.speed / (np.sqrt(self.speed**2 - np.cos(nu) ** 2) * np.sin(xi))
             step = (np.mean(1 / rate) - 1 / precessions) / np.mean(slope / rate**2)
-            if step < 0 and self.speed == _SLOWEST:
+            if step < 0 and self.speed == _MIN_SPEED:
                 raise ParameterError(
                     f"precessions must be at least {1 / np.mean(1 / rate):.3g} in a year at this solar_aspect, "
                     f"not {precessions}"
@@ -136,9 +136,9 @@ MAX_YEARS, MIN_YEARS = 100, 0.01
 #: Sources looked at together; each with every spin of the mission.
 BLOCK = 1000
 #: By how much the axis may leave a straight line within a spin before transits are looked for again. [rad]
-_BEND = 60 / 3600 * DEGREE
+_MAX_BEND = 60 / 3600 * DEGREE
 #: From so many sources on crossings are looked for by a compiled loop, which takes a second to load.
-_MANY = 20_000
+_COMPILED_FROM = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,9 +206,9 @@ class NominalScanningLaw(Frozen):
         if not 0 <= number("dead_time", self.dead_time) < 1:
             raise ParameterError(f"dead_time is a fraction, at least 0 and below 1, not {self.dead_time}")
         check_frame(self.frame)
-        gaps = check_gaps(self.gaps)
+        gaps = sort_gaps(self.gaps)
         random_gaps = draw_gaps(self.years, self.dead_time, self.rng) if self.dead_time else gaps[:0]
-        self._state["gaps"] = check_gaps(np.concatenate([gaps, random_gaps]))
+        self._state["gaps"] = sort_gaps(np.concatenate([gaps, random_gaps]))
         self._integrate()
 
     @property
@@ -234,7 +234,7 @@ class NominalScanningLaw(Frozen):
     def attitude(self, time: FloatArray) -> Any:
         """Spin axis and both fields of view at `time` [yr since the start], (n,): z, preceding, following."""
         time = np.asarray(time, float)
-        (z, u, w), _ = self._axes(time)
+        (z, u, w), _ = self._axes_and_sun(time)
         phase = self._phase(time)
         views = [u * np.cos(phase + a) + w * np.sin(phase + a) for a in (self.basic_angle / 2, -self.basic_angle / 2)]
         rotation = rotation_matrix("ecliptic", self.frame)
@@ -265,12 +265,12 @@ class NominalScanningLaw(Frozen):
         self, work: Callable[..., T], lon: FloatArray, lat: FloatArray, threads: int | None, progress: bool
     ) -> list[T]:
         """`work` of blocks of `lon`, `lat` and their transits, in order, by `threads`; `progress` shows a bar."""
-        is_compiled = len(lon) >= _MANY and has_numba()
+        is_compiled = len(lon) >= _COMPILED_FROM and has_numba()
 
-        def of_block(part):
-            return work(part, self.transits_of_block(lon[part], lat[part], compiled=is_compiled))
+        def work_on_block(chunk):
+            return work(chunk, self.transits_of_block(lon[chunk], lat[chunk], compiled=is_compiled))
 
-        return list(map_blocks(of_block, len(lon), BLOCK, threads, "transits" if progress else None))
+        return list(map_blocks(work_on_block, len(lon), BLOCK, threads, "transits" if progress else None))
 
     def transits_of_block(self, lon: ArrayLike, lat: ArrayLike, *, compiled: bool = False) -> Transits:
         """Find transits in one thread, for few enough `lon`, `lat` [rad] that each may meet every spin at once.
@@ -284,18 +284,18 @@ class NominalScanningLaw(Frozen):
         """
         p, q, r = (rotation_matrix(self.frame, "ecliptic") @ v for v in triad(lon, lat))
         spins: Spins = self._state["spins"]
-        limit = np.sin(self.half_height)
+        max_sine = np.sin(self.half_height)
         # Between spins the height is taken as linear, good to 20 arcsec; hence a margin, and a second look.
-        max_height = limit * 1.03 if spins.bend < _BEND else limit + 1.5 * spins.bend
+        max_height = max_sine * 1.03 if spins.bend < _MAX_BEND else max_sine + 1.5 * spins.bend
         owner, time, views = spins.crossings(r, max_height, self.basic_angle / 2, compiled=compiled)
-        if spins.bend >= _BEND:
+        if spins.bend >= _MAX_BEND:
             time = self._refine_crossings(r[:, owner], time, views)
-        keep = outside_gaps(time, self._state["gaps"])
+        keep = is_outside_gaps(time, self._state["gaps"])
         owner, time, views = owner[keep], time[keep], views[keep]
-        (z, _, _), (sun, distance) = self._axes(time)
+        (z, _, _), (sun, distance) = self._axes_and_sun(time)
         directions = r[:, owner]
         sine = dot(directions, z)
-        keep = np.abs(sine) < limit
+        keep = np.abs(sine) < max_sine
         if not keep.all():
             owner, time, views, sine, distance = owner[keep], time[keep], views[keep], sine[keep], distance[keep]
             z, sun, directions = z[:, keep], sun[:, keep], directions[:, keep]
@@ -313,42 +313,42 @@ class NominalScanningLaw(Frozen):
         precession = Precession(self.precessions, self.solar_aspect)
         speed = precession.speed
         rate = self.spin_rate / 3600 * DEGREE * 86400 * YEAR  # rad a year
-        quiet = self.pole_days / YEAR
-        start = np.pi * round(self.precession_phase / np.pi) if quiet else self.precession_phase
+        pole_years = self.pole_days / YEAR
+        start = np.pi * round(self.precession_phase / np.pi) if pole_years else self.precession_phase
 
         grid = np.linspace(0, self.years, max(2, int(self.years * YEAR * 2)) + 1)
-        sun, _ = sun_position(self.start, np.maximum(np.append(quiet, grid), quiet))
+        sun, _ = sun_position(self.start, np.maximum(np.append(pole_years, grid), pole_years))
         phase = precession.phase(start, sun[1:] - sun[0])
-        moving = np.where(grid < quiet, 0.0, sun_rate(self.start, grid))
-        ahead = precession.rate(phase) * moving
-        late = -np.cos(self.solar_aspect) * ahead - np.sin(self.solar_aspect) * np.sin(phase) * moving
-        nu = Cubics(grid[1], phase, ahead)
-        slow = Cubics(grid[1], precession.lag(start, phase), late)
+        sun_speed = np.where(grid < pole_years, 0.0, sun_rate(self.start, grid))
+        phase_rate = precession.rate(phase) * sun_speed
+        lag_rate = -np.cos(self.solar_aspect) * phase_rate - np.sin(self.solar_aspect) * np.sin(phase) * sun_speed
+        nu = Cubics(grid[1], phase, phase_rate)
+        slow = Cubics(grid[1], precession.lag(start, phase), lag_rate)
 
         self._state.update(speed=speed, nu=nu, rate=rate, slow=slow)
-        spins = int(np.floor(self._phase(self.years) / (2 * np.pi)))
+        last_spin = int(np.floor(self._phase(self.years) / (2 * np.pi)))
         first_spin = int(np.ceil(self._phase(0.0) / (2 * np.pi)))
-        turns = 2 * np.pi * np.arange(first_spin, spins + 1)
+        turns = 2 * np.pi * np.arange(first_spin, last_spin + 1)
         times: Any = (turns - self.spin_phase) / rate
         for _ in range(4):  # Newton: Ω grows 1600 times as fast as its slow part
             times -= (self._phase(times) - turns) / (rate + slow.slope(times))
-        self._state["spins"] = Spins(times, *self._axes(times)[0])
+        self._state["spins"] = Spins(times, *self._axes_and_sun(times)[0])
 
     def _refine_crossings(self, directions, time, views):
         """Times at which the fields really pass, by Newton steps: in a long spin its axis does not move straight."""
         end_time = np.nextafter(self.years, 0)
         for _ in range(4):
-            (_, u, w), _ = self._axes(time)
+            (_, u, w), _ = self._axes_and_sun(time)
             azimuth = np.arctan2(np.sum(directions * w, 0), np.sum(directions * u, 0))
-            late = azimuth - self._phase(time) - views * self.basic_angle / 2
-            time = np.clip(time + ((late + np.pi) % (2 * np.pi) - np.pi) / self._state["rate"], 0, end_time)
+            phase_error = azimuth - self._phase(time) - views * self.basic_angle / 2
+            time = np.clip(time + ((phase_error + np.pi) % (2 * np.pi) - np.pi) / self._state["rate"], 0, end_time)
         return time
 
     def _phase(self, time):
         """Ω, the phase of the spin. [rad]"""
         return self.spin_phase + self._state["rate"] * time + self._state["slow"](time)
 
-    def _axes(self, time):
+    def _axes_and_sun(self, time):
         """z, and u = s × z/sin ξ and w = z × u from which Ω is counted, in the ecliptic; and the Sun, as of `sun`.
 
         With e ahead of the Sun along the ecliptic and k its pole, z = cos ξ s + sin ξ (cos ν e + sin ν k).

@@ -24,8 +24,8 @@ from vsh.tools.types import ArrayLike, Cosmology, FloatArray, Rng
 from vsh.tools.units import AU_PER_YEAR
 
 #: Galaxies whose flows are drawn exactly: 3n × 3n numbers are as many as memory holds.
-_MOST_EXACT = 6000
-_BLOCK = 2048
+_MAX_EXACT = 6000
+_BLOCK_SIZE = 2048
 
 
 @dataclass(frozen=True)
@@ -59,17 +59,17 @@ class RandomVelocities(Velocities):
 
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tangential and radial velocities, as `Velocities.velocity` says."""
-        draw = np.random.default_rng(self.seed)
+        rng = np.random.default_rng(self.seed)
         if self.length is None:
-            return self.sigma * draw.standard_normal((2, len(lon))), self.sigma * draw.standard_normal(len(lon))
+            return self.sigma * rng.standard_normal((2, len(lon))), self.sigma * rng.standard_normal(len(lon))
         r = triad(lon, lat)[2]
-        numbers = draw.standard_normal((self.n_waves, 3)) / self.length
-        phases = draw.uniform(0, 2 * np.pi, self.n_waves)
-        amplitudes = draw.standard_normal((3, self.n_waves)) * self.sigma * np.sqrt(2 / self.n_waves)
+        wave_vectors = rng.standard_normal((self.n_waves, 3)) / self.length
+        phases = rng.uniform(0, 2 * np.pi, self.n_waves)
+        amplitudes = rng.standard_normal((3, self.n_waves)) * self.sigma * np.sqrt(2 / self.n_waves)
         velocity = np.empty((3, len(lon)))
         for start in range(0, len(lon), 8192):
             block = slice(start, start + 8192)
-            velocity[:, block] = amplitudes @ np.cos(numbers @ (r * distance)[:, block] + phases[:, None])
+            velocity[:, block] = amplitudes @ np.cos(wave_vectors @ (r * distance)[:, block] + phases[:, None])
         return local_components(velocity, lon, lat)
 
 
@@ -84,29 +84,29 @@ class LinearFlow(Velocities):
 
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tangential and radial velocities, as `Velocities.velocity` says."""
-        draw = np.random.default_rng(self.seed)
+        rng = np.random.default_rng(self.seed)
         scaled_distance = distance * _little_h(self.cosmology, self.hubble)
         if self.exact:
-            if len(lon) > _MOST_EXACT:
+            if len(lon) > _MAX_EXACT:
                 raise ParameterError(
-                    f"{len(lon)} galaxies are too many to be drawn exactly: {_MOST_EXACT} at most; take exact=False"
+                    f"{len(lon)} galaxies are too many to be drawn exactly: {_MAX_EXACT} at most; take exact=False"
                 )
             root = _covariance_root(self.theory, lon.tobytes(), lat.tobytes(), scaled_distance.tobytes())
-            velocity = (root @ draw.standard_normal(root.shape[0])).reshape(-1, 3).T
+            velocity = (root @ rng.standard_normal(root.shape[0])).reshape(-1, 3).T
             return local_components(velocity, lon, lat)
         # To the same limits whichever sources are asked for: the flow is one field.
         modes = flow_modes(
             0.0, 100.0 * 2 ** np.ceil(np.log2(max(scaled_distance.max(), 50.0) / 100)), self.n_modes, self.theory
         )
-        amplitude = draw.standard_normal(len(modes))
+        amplitude = rng.standard_normal(len(modes))
         tangential, radial = np.empty((2, len(lon))), np.empty(len(lon))
-        for start in range(0, len(lon), _BLOCK):
-            block = slice(start, start + _BLOCK)
-            across, along = modes.at(lon[block], lat[block], scaled_distance[block])
-            tangential[:, block], radial[block] = across @ amplitude, along @ amplitude
+        for start in range(0, len(lon), _BLOCK_SIZE):
+            block = slice(start, start + _BLOCK_SIZE)
+            tangential_modes, radial_modes = modes.at(lon[block], lat[block], scaled_distance[block])
+            tangential[:, block], radial[block] = tangential_modes @ amplitude, radial_modes @ amplitude
         scatter = [np.sqrt(variance) for variance in modes.left(scaled_distance)]
-        tangential += scatter[0] * draw.standard_normal(tangential.shape)
-        return tangential, radial + scatter[1] * draw.standard_normal(radial.shape)
+        tangential += scatter[0] * rng.standard_normal(tangential.shape)
+        return tangential, radial + scatter[1] * rng.standard_normal(radial.shape)
 
     def velocity_here(self, redshift: ArrayLike) -> FloatArray:
         """The flow where we are, along the axes of its frame, (3,), of galaxies at so large a redshift. [km/s]"""
@@ -125,9 +125,9 @@ class GridFlow(Velocities):
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tangential and radial velocities, as `Velocities.velocity` says."""
         scaled_distance = distance * _little_h(self.cosmology, self.hubble)
-        flow, inside = self.grid.at(lon, lat, scaled_distance, self.frame)
-        if not inside.all():
-            raise ParameterError(f"{(~inside).sum()} sources lie outside of the grid of velocities, {self.grid!r}")
+        flow, is_inside = self.grid.at(lon, lat, scaled_distance, self.frame)
+        if not is_inside.all():
+            raise ParameterError(f"{(~is_inside).sum()} sources lie outside of the grid of velocities, {self.grid!r}")
         return local_components(flow, lon, lat)
 
 
@@ -187,9 +187,9 @@ def peculiar(
     length = None if length is None else positive("length", length)
     hubble = None if hubble is None else positive("hubble", hubble)
     seed = int(generator(rng).integers(2**63))
-    random = RandomVelocities(cosmology, hubble, not_negative("sigma", sigma), seed, length, whole("n_waves", n_waves))
+    scatter = RandomVelocities(cosmology, hubble, not_negative("sigma", sigma), seed, length, whole("n_waves", n_waves))
     if flow is None:
-        return Signal((random,))
+        return Signal((scatter,))
     coherent_flow: Velocities
     if isinstance(flow, VelocityGrid):
         coherent_flow = GridFlow(cosmology, hubble, flow, frame)
@@ -201,13 +201,13 @@ def peculiar(
         # A stream of its own: with a flow the random velocities are those without.
         flow_seed = int(np.random.default_rng([seed, 1]).integers(2**63))
         coherent_flow = LinearFlow(cosmology, hubble, flow, flow_seed, whole("n_modes", n_modes), bool(exact))
-    return Signal((random, coherent_flow) if random.sigma else (coherent_flow,))
+    return Signal((scatter, coherent_flow) if scatter.sigma else (coherent_flow,))
 
 
 @lru_cache(maxsize=1)
-def _covariance_root(theory, lon, lat, scaled_distance):
+def _covariance_root(theory, lon_bytes, lat_bytes, distance_bytes):
     """A root of the covariance of velocities; many skies of the same galaxies share it."""
-    positions = triad(np.frombuffer(lon), np.frombuffer(lat))[2] * np.frombuffer(scaled_distance)
+    positions = triad(np.frombuffer(lon_bytes), np.frombuffer(lat_bytes))[2] * np.frombuffer(distance_bytes)
     covariance = theory.covariance(positions)
     covariance[np.diag_indices_from(covariance)] += 1e-9 * theory.sigma**2
     return np.linalg.cholesky(covariance)

@@ -128,8 +128,8 @@ class Signal(InNotebook):
         ParameterError
             If the frame is another.
         """
-        given = {"lon": lon, "lat": lat, "redshift": redshift}
-        lon, lat, redshift = (np.atleast_1d(float_array(name, x, finite=False)) for name, x in given.items())
+        inputs = {"lon": lon, "lat": lat, "redshift": redshift}
+        lon, lat, redshift = (np.atleast_1d(float_array(name, values, finite=False)) for name, values in inputs.items())
         if frame not in ("heliocentric", "cmb", "true"):
             raise ParameterError(f"redshifts are observed as heliocentric, cmb or true ones, not {frame!r}")
         if frame == "true":
@@ -137,12 +137,12 @@ class Signal(InNotebook):
         outward = sum(component.radial(lon, lat, redshift) for component in self.parts if hasattr(component, "radial"))
         wavelength_ratio = (1 + redshift) * (1 + outward / SPEED_OF_LIGHT)
         if frame == "heliocentric":
-            ours = sum(
+            our_velocity = sum(
                 component.velocity @ triad(lon, lat)[2]
                 for component in self.parts
                 if isinstance(component, ObserverMotion)
             )
-            wavelength_ratio = wavelength_ratio / (1 + ours / SPEED_OF_LIGHT)
+            wavelength_ratio = wavelength_ratio / (1 + our_velocity / SPEED_OF_LIGHT)
         return wavelength_ratio - 1
 
     def __repr__(self) -> str:

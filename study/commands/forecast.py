@@ -22,11 +22,11 @@ def make_parser() -> argparse.ArgumentParser:
         ),
     )
     add = parsing.adder(parser)
-    add("--only NAME,…", "names of known surveys (default: all); may be repeated", _names, action="append")
+    add("--only NAME,…", "names of known surveys (default: all); may be repeated", _split_names, action="append")
     add(
         "--survey NAME=N,SIGMA",
         "a survey of your own: number of quasars, and error of their motions in µas/yr; may be repeated",
-        _survey,
+        _parse_survey,
         action="append",
     )
     add(
@@ -40,11 +40,11 @@ def make_parser() -> argparse.ArgumentParser:
     return parsing.add_common(parser)
 
 
-def _names(text):
+def _split_names(text):
     return tuple(name.strip() for name in text.split(","))
 
 
-def _survey(text):
+def _parse_survey(text):
     name, _, numbers = text.partition("=")
     try:
         n, sigma = parsing.numbers(numbers)
@@ -62,11 +62,11 @@ def _run(options):
     from study.forecast import SURVEYS, Survey, forecast_surveys
 
     surveys = dict(SURVEYS)
-    only = [name for names in options.only or () for name in names]
-    for name in only:
+    selected_names = [name for names in options.only or () for name in names]
+    for name in selected_names:
         if name not in surveys:
             raise VshError(f"no survey is called {name!r}; known surveys are {', '.join(surveys)}")
-    surveys = {name: surveys[name] for name in only or surveys}
+    surveys = {name: surveys[name] for name in selected_names or surveys}
     for name, n, sigma in options.survey or ():
         surveys[name] = Survey(n, sigma=sigma, says="as given")
     forecast = forecast_surveys(surveys, sky=options.sky, flows=not options.no_flows)

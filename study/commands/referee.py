@@ -42,54 +42,54 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 
 def _run(options):
     run = finishing.Run(options)
-    source = reading.open_catalogue(options.catalogue, options)
+    table_source = reading.open_catalogue(options.catalogue, options)
     from study.referee import read_quasars, referee
 
-    quasars = read_quasars(source, axes=options.frame, **reading.field_arguments(options) | {"format": None})
+    quasars = read_quasars(table_source, axes=options.frame, **reading.field_arguments(options) | {"format": None})
     earlier = None
     if options.earlier:
         from vsh.io.catalogue import read_field
 
-        read = partial(read_field, options.earlier, roles=("name",), on_bad=options.on_bad)
-        earlier = reading.read_one_of_several(options.earlier, read)
-    answer = referee(quasars, options.seed, earlier=earlier)
+        read_earlier = partial(read_field, options.earlier, roles=("name",), on_bad=options.on_bad)
+        earlier = reading.read_one_of_several(options.earlier, read_earlier)
+    report = referee(quasars, options.seed, earlier=earlier)
     counts = {"rows_used": len(quasars.whole), "rows_refused": count_dropped(quasars.field.notes)}
 
     def draw():
         from study.referee.page import draw
 
-        return draw(answer)
+        return draw(report)
 
-    def sections(long):
-        of_earlier = [Section(f"Earlier: {options.earlier}", notes=earlier.notes)] if earlier and earlier.notes else []
-        return [*answer.details(long), *of_earlier]
+    def make_sections(long):
+        additions = [Section(f"Earlier: {options.earlier}", notes=earlier.notes)] if earlier and earlier.notes else []
+        return [*report.details(long), *additions]
 
-    def write(folder, meta):
+    def write_tables(folder, meta):
         from vsh.io import tables
 
-        for name, table in answer.tables().items():
+        for name, table in report.tables().items():
             tables.write_table(table, folder / f"{name}.ecsv", meta)
-        answer.headline.solution.write(folder / "solution.ecsv", meta)
-        for name, result in answer.results().items():
+        report.headline.solution.write(folder / "solution.ecsv", meta)
+        for name, result in report.results().items():
             result.write(folder / f"{name}.ecsv", meta)
 
-    def page(figures, meta, path):
+    def write_html(figures, meta, path):
         from study.referee.page import html
         from vsh.figures.page import write_page
 
-        text = html(answer, figures.drawn, provenance=meta, command=options.command)
-        write_page(path, text, overwrite=True)
+        page_html = html(report, figures.drawn, provenance=meta, command=options.command)
+        write_page(path, page_html, overwrite=True)
 
     run.finish(
-        [finishing.Part("referee", None, sections=sections, plot=draw, tables=answer.tables, files=write)],
+        [finishing.Part("referee", None, sections=make_sections, plot=draw, tables=report.tables, files=write_tables)],
         notes=merge_notes(quasars.field.notes, () if earlier is None else earlier.notes),
-        answer=answer.answer,
+        answer=report.answer,
         paths=[options.catalogue, options.earlier] if options.earlier else options.catalogue,
         counts=counts,
         latex=lambda: "\n\n".join(
-            latex_table(section.table, section.title) for section in answer.details() if section.table
+            latex_table(section.table, section.title) for section in report.details() if section.table
         ),
-        page=page,
+        page=write_html,
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 import sim
 import vsh
-from sim.commands import calibration_words
+from sim.commands import check_calibration_words
 from vsh.commands import finishing, parsing, reading, running
 from vsh.io.sections import Section
 from vsh.sky.frames import rotation_matrix
@@ -40,8 +40,8 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--frequencies LOW:HIGH:N",
         "frequencies to search, N per year from LOW to HIGH, or a list such as 0.5,1,2 (default: 0.25:4:16)",
-        _frequencies,
-        _frequencies("0.25:4:16"),
+        _parse_frequencies,
+        _parse_frequencies("0.25:4:16"),
     )
     add(
         "--attitude",
@@ -53,7 +53,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--calibration WORDS",
         "what was calibrated of the basic angle together with an attitude that was solved | as 'free every 5 days to "
         "order 1, known to 0.1 µas', or none; default: constant to order 8, as in DR2",
-        calibration_words,
+        check_calibration_words,
         "constant to order 8",
     )
     add("--law FILE", "scanning law, the commanded_scan_law of Gaia (default: a nominal one)")
@@ -66,27 +66,27 @@ def make_parser() -> argparse.ArgumentParser:
     return parsing.add_common(parser)
 
 
-def _frequencies(text):
+def _parse_frequencies(text):
     if ":" not in text:
-        values = parsing.numbers(text)
-        if not all(f > 0 for f in values):
+        frequencies = parsing.numbers(text)
+        if not all(f > 0 for f in frequencies):
             raise argparse.ArgumentTypeError(f"frequencies above zero are expected, not {text!r}")
-        return values
+        return frequencies
     try:
         lower, upper, count = text.split(":")
-        limits = float(lower), float(upper), int(count)
+        grid = float(lower), float(upper), int(count)
     except ValueError:
-        limits = (0.0, 0.0, 0)
-    if not (0 < limits[0] < limits[1] and 1 < limits[2] <= 10_000):
+        grid = (0.0, 0.0, 0)
+    if not (0 < grid[0] < grid[1] and 1 < grid[2] <= 10_000):
         raise argparse.ArgumentTypeError(f"LOW:HIGH:N with 0 < LOW < HIGH is expected, as 0.25:4:16, not {text!r}")
-    low_f, high_f, n = limits
+    low_f, high_f, n = grid
     return tuple(low_f + (high_f - low_f) * i / (n - 1) for i in range(n))
 
 
 #: NSIDE of the map of the stars' response.
 _NSIDE = 8
 #: The mean axis may be so far from the law's before it is said. [deg]
-_FAR = 1.0
+_MAX_AXIS_OFFSET = 1.0
 CAPTIONS = {
     "waves": "The strain that one wave can have, with 95 %, against its frequency: median and range over directions."
 }
@@ -104,14 +104,14 @@ def _run(options):
 
     files = vsh.io.epochs.epoch_files(options.epochs)
     chunks = list(vsh.io.epochs.iterate_observations(options.epochs, positions=options.positions))
-    span = float(min(each.time.min() for each in chunks)), float(max(each.time.max() for each in chunks))
+    span = float(min(chunk.time.min() for chunk in chunks)), float(max(chunk.time.max() for chunk in chunks))
     attitude, notes, is_far = ("known", [], False) if options.attitude == "known" else _response(chunks, span, options)
     search = search_in_time(
         chunks, options.frequencies, attitude=attitude, lmax=options.lmax, nside=options.nside, n_skies=options.skies,
         rng=options.seed,
     )  # fmt: skip
 
-    def sections(long):
+    def make_sections(long):
         return [
             *search.sections(long=long),
             *([Section("The attitude", remarks=notes)] if notes and (long or is_far) else ()),
@@ -119,18 +119,18 @@ def _run(options):
 
     run.finish(
         [finishing.Part("waves", search, "Waves")],
-        sections=sections,
+        sections=make_sections,
         answer=search.answer,
         notes=(*search.notes, *notes),
         paths=[*files],
-        counts={"sources": sum(len(each.lon) for each in chunks)},
+        counts={"sources": sum(len(chunk.lon) for chunk in chunks)},
         captions=CAPTIONS,
         title=f"Waves in {Path(options.epochs).name}",
     )
 
 
 def _response(chunks, span, options):
-    """Response of the attitude, by the law of a table or a nominal one that is laid through the epochs."""
+    """Response of the attitude by a law, of a table or fitted to epochs, notes on its axis, and if it is far off."""
     epoch = vsh.io.archive.DR4.epoch
     if any(chunk.view is None for chunk in chunks) and not options.law:
         raise TableError(
@@ -148,22 +148,22 @@ def _response(chunks, span, options):
         times = np.sort(np.concatenate([chunk.time for chunk in chunks]))
         longest = max(0.003, 30 * float(np.median(np.diff(times))))
         start = epoch + span[0]
-        law = _nominal_law(chunks, start, span[1] - span[0], sim.find_gaps(epoch + times, start, longest=longest))
+        law = _fit_nominal_law(chunks, start, span[1] - span[0], sim.find_gaps(epoch + times, start, longest=longest))
     response = sim.agis.Response(law, nside=_NSIDE, epoch=epoch, calibration=options.calibration)
     offset = np.degrees(np.median([_median_axis_offset(chunk, law) for chunk in chunks]))
     note = f"spin axis of the scanning law: {offset:.2g}° from that of the transits, median"
-    if offset > _FAR:
+    if offset > _MAX_AXIS_OFFSET:
         note = f"warning: {note}; --law takes the law as it was commanded"
-    return response, [note], offset > _FAR
+    return response, [note], offset > _MAX_AXIS_OFFSET
 
 
-def _nominal_law(chunks, start, years, gaps):
+def _fit_nominal_law(chunks, start, years, gaps):
     """A nominal law whose axis is, at the first transit, where it was seen: r × m of the scan."""
-    axis, time = _axes(min(chunks, key=lambda chunk: chunk.time.min()))
-    k = int(np.argmin(time))
+    axis, time = _compute_spin_axes(min(chunks, key=lambda chunk: chunk.time.min()))
+    first = int(np.argmin(time))
     longitude, _ = sim.scanning.sun_position(start, np.zeros(1))
     east = np.array([-np.sin(longitude[0]), np.cos(longitude[0]), 0.0])
-    ecliptic_axis = rotation_matrix("icrs", "ecliptic") @ axis[:, k]
+    ecliptic_axis = rotation_matrix("icrs", "ecliptic") @ axis[:, first]
     return sim.NominalScanningLaw(
         start=start,
         years=years,
@@ -172,7 +172,7 @@ def _nominal_law(chunks, start, years, gaps):
     )
 
 
-def _axes(observations):
+def _compute_spin_axes(observations):
     """The spin axis at every transit, r × m, (3, k), and the times."""
     p, q, r = triad(observations.lon[observations.source], observations.lat[observations.source])
     m = p * observations.design[0] + q * observations.design[1]
@@ -181,7 +181,7 @@ def _axes(observations):
 
 def _median_axis_offset(observations, law):
     """Median offset of the axis of the law. [rad]"""
-    axis, time = _axes(observations)
+    axis, time = _compute_spin_axes(observations)
     z = law.attitude(np.clip(time + (vsh.io.archive.DR4.epoch - law.start), 0, law.years))[0]
     return np.median(np.arccos(np.clip(np.sum(axis * z, 0), -1, 1)))
 
@@ -196,12 +196,12 @@ def _read_scanning_law(path):
         raise TableError(
             f"{table.label}: a scanning law has jd_time, {', '.join(names)}; missing: {', '.join(missing)}"
         )
-    values = {name: np.asarray(table.columns((name,))[name][0], float) for name in (*names, str(time))}
-    times = values[str(time)]
+    columns = {name: np.asarray(table.columns((name,))[name][0], float) for name in (*names, str(time))}
+    times = columns[str(time)]
     # Days since J2010.0 in Gaia's table, whole Julian dates elsewhere, years where the column says so.
     years = times if time == "time" else 2010.0 + (times - (2455197.5 if times[0] > 1e6 else 0.0)) / 365.25
     order = np.argsort(years, kind="stable")
-    views = [np.array([values[f"{axis}_fov{k}"][order] for axis in ("ra", "dec")]) * DEGREE for k in (1, 2)]
+    views = [np.array([columns[f"{axis}_fov{k}"][order] for axis in ("ra", "dec")]) * DEGREE for k in (1, 2)]
     return sim.TabulatedLaw(years[order], *views)
 
 

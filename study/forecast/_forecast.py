@@ -131,11 +131,11 @@ class Survey(InNotebook):
         if self.release is None:
             errors[:] = self._own_error()[:, None]
         else:
-            magnitude, larger = _crf3_sample()
-            errors[:] = _mean_error(larger * gaia_errors(magnitude, self.release))[:, None]
+            magnitude, factor = _crf3_sample()
+            errors[:] = _mean_error(factor * gaia_errors(magnitude, self.release))[:, None]
             if self.second is not None:
-                inside = self.second.covers(lon, lat)
-                errors[:, inside] = _mean_error(self.second.motion_errors(magnitude, larger, self.release))[:, None]
+                covered = self.second.covers(lon, lat)
+                errors[:, covered] = _mean_error(self.second.motion_errors(magnitude, factor, self.release))[:, None]
         return errors * self.factor * np.sqrt(len(lon) / self.n_quasars)
 
     def galaxy_errors(self, magnitude: FloatArray, lon: FloatArray, lat: FloatArray) -> FloatArray:
@@ -144,8 +144,8 @@ class Survey(InNotebook):
             return np.tile(self._own_error()[:, None], len(magnitude)) * self.factor
         errors = gaia_errors(magnitude, self.release)
         if self.second is not None:
-            inside = self.second.covers(lon, lat)
-            errors[:, inside] = self.second.motion_errors(magnitude[inside], np.ones(inside.sum()), self.release)
+            covered = self.second.covers(lon, lat)
+            errors[:, covered] = self.second.motion_errors(magnitude[covered], np.ones(covered.sum()), self.release)
         return errors * self.factor
 
     def _own_error(self):
@@ -165,15 +165,15 @@ def _crf3_sample():
     return crf3_magnitudes(five, six, 1), np.where(np.arange(five + six) < five, 1.0, SIX_PARAMETERS)
 
 
-_OF_QUASARS, _OF_GALAXIES = sum(CRF3_COUNTS.values()), 100_000
+_N_QUASARS, _N_GALAXIES = sum(CRF3_COUNTS.values()), 100_000
 #: Systematic motions of Gaia-CRF3 on angles beyond 15° (abstract of Gaia Collaboration 2022, A&A 667, A148) [µas/yr],
 #: and the highest degree of such angles.
-_CRF3_SYSTEMATICS, _CRF3_DEGREES = 12.0, 12
+_CRF3_SYSTEMATICS, _CRF3_MAX_DEGREE = 12.0, 12
 #: Floor of DR3: that of a field of these motions with one power for all modes. [µas/yr]
 _FLOOR = (
     _CRF3_SYSTEMATICS
     * Spectrum.flat().acceleration_error
-    * float(np.sqrt(4 * np.pi / Spectrum.flat().power(_CRF3_DEGREES).sum()))
+    * float(np.sqrt(4 * np.pi / Spectrum.flat().power(_CRF3_MAX_DEGREE).sum()))
 )
 #: Floors of DR4 and DR5, an assumption: they decrease like the errors of motions.
 _FLOORS = {release: _FLOOR * RELEASES[release][0] * RELEASES[release][1] / RELEASES["DR3"][1] for release in RELEASES}
@@ -188,7 +188,7 @@ _DR5_YEARS, _SUCCESSOR = 10.0, 27.7
 def _gaia(says: str, release: Release = "DR5", second: SecondEpoch | None = None, floor: float | None = None) -> Survey:
     """A release, perhaps with positions of another survey, which keep its floor unless they have theirs."""
     floor = _FLOORS[release] if floor is None else floor
-    return Survey(_OF_QUASARS, release, n_galaxies=_OF_GALAXIES, floor=floor, says=says, second=second)
+    return Survey(_N_QUASARS, release, n_galaxies=_N_GALAXIES, floor=floor, says=says, second=second)
 
 
 #: By name. Floors beyond DR3 are an assumption.
@@ -243,16 +243,16 @@ QUANTITIES = {
 
 #: So many stand for all: so many quasars; of galaxies the nearest and every twentieth of the rest, fewer where flows
 #: are unknowns.
-_QUASARS, _GALAXIES, _NEAREST, _EVERY, _IN_FLOWS = 5000, 100_000, 4000, 20, 2000
+_SAMPLE_QUASARS, _SAMPLE_GALAXIES, _NEAREST, _EVERY, _FLOW_GALAXIES = 5000, 100_000, 4000, 20, 2000
 #: The highest degree that is looked at.
-_DEGREES = 400
-_MODES, _HUBBLE = 40, 70.0
+_MAX_DEGREE = 400
+_FLOW_MODES, _HUBBLE = 40, 70.0
 #: What the published angular covariance of DR3 implies for each component of spin and acceleration. [µas/yr]
-_LAW = Spectrum.from_covariance(LINDEGREN_2021).acceleration_error
+_LAW_FLOOR = Spectrum.from_covariance(LINDEGREN_2021).acceleration_error
 #: Beside no flows, as forecasts of the field have it; and beyond flows. They are put into the errors. [km/s]
-_ALONE, _BEYOND, _NONE = 300.0, 150.0, 1e-3
+_ALONE, _BEYOND, _NO_DISPERSION = 300.0, 150.0, 1e-3
 #: Quantities of a short report: what a proposal quotes, with what nature adds to the noise.
-_QUOTED = (
+_SHORT_REPORT = (
     "acceleration", "acceleration_floor", "speed", "waves", "velocity", "hubble", "velocity_flows",
     "hubble_flows",
 )  # fmt: skip
@@ -291,13 +291,13 @@ class SurveyForecast(InNotebook):
             ("galaxies", *(str(survey.n_galaxies or "") for survey in self.surveys.values())),
         ]
         for name, (description, unit) in QUANTITIES.items():
-            if long or name in _QUOTED:
+            if long or name in _SHORT_REPORT:
                 cells = [self.values[survey][name] for survey in self.surveys]
                 if np.isnan(cells).all():  # not asked for, or no survey has galaxies
                     continue
-                form = ".0f" if name == "degree" else ".3g"
+                number_format = ".0f" if name == "degree" else ".3g"
                 label = description + (f" [{unit}]" if unit else "")
-                rows.append((label, *("" if np.isnan(x) else f"{x:{form}}" for x in cells)))
+                rows.append((label, *("" if np.isnan(cell) else f"{cell:{number_format}}" for cell in cells)))
         heads = ("expected errors (68 % unless stated otherwise)", *self.surveys)
         table = tables.table_of_rows(heads, rows)
         facts = [("sky", f"quasars: {self.sky}; galaxies: to z = 0.03, errors of faint galaxies as those of Gaia")]
@@ -317,8 +317,8 @@ class SurveyForecast(InNotebook):
             remarks = [
                 "Floors beyond DR3 are assumptions; the errors of direction, V0, R0 and Ω include the floors. DR3's "
                 "angular covariance (Lindegren et al. "
-                f"2021, 292 exp(−θ/12°) µas²/yr²) implies a floor of {_LAW:.1f} µas/yr at degree 1, "
-                f"{_LAW / _FLOOR:.1f} times as much; the acceleration measured by DR3 (5.05 µas/yr, with 4.8 "
+                f"2021, 292 exp(−θ/12°) µas²/yr²) implies a floor of {_LAW_FLOOR:.1f} µas/yr at degree 1, "
+                f"{_LAW_FLOOR / _FLOOR:.1f} times as much; the acceleration measured by DR3 (5.05 µas/yr, with 4.8 "
                 "expected) excludes such a floor.",
                 "Velocity and H0 are for independent peculiar velocities of 300 km/s; with flows fitted, they are for "
                 "flows of linear theory and include the "
@@ -357,8 +357,8 @@ class SurveyForecast(InNotebook):
         """A row for each survey, as an astropy Table."""
         columns: dict[str, Any] = {
             "survey": list(self.surveys),
-            "quasars": [s.n_quasars for s in self.surveys.values()],
-            "galaxies": [s.n_galaxies for s in self.surveys.values()],
+            "quasars": [survey.n_quasars for survey in self.surveys.values()],
+            "galaxies": [survey.n_galaxies for survey in self.surveys.values()],
         }
         columns |= {name: [float(self.values[survey][name]) for survey in self.surveys] for name in QUANTITIES}
         units = {"km/s/Mpc": "km / (s Mpc)", "% of H0": "%"}  # what astropy reads otherwise, or not
@@ -407,15 +407,15 @@ def forecast_surveys(
     if not surveys or not all(isinstance(candidate, Survey) for candidate in surveys.values()):
         raise ParameterError("a forecast is of one Survey at least, by name")
     arguments.choice("sky", sky, ("uniform", "gums", "igql"))
-    stream = arguments.generator(rng)
-    (position_stream,) = stream.spawn(1)
-    lon, lat = _draw_positions(sky, position_stream)
-    still = np.zeros((2, len(lon)))
-    power = Spectrum.from_covariance(LINDEGREN_2021).power(_DEGREES)[0]
-    sample = galaxies(_GALAXIES, stream)
+    generator = arguments.generator(rng)
+    (position_rng,) = generator.spawn(1)
+    lon, lat = _place_quasars(sky, position_rng)
+    no_motion = np.zeros((2, len(lon)))
+    power = Spectrum.from_covariance(LINDEGREN_2021).power(_MAX_DEGREE)[0]
+    sample = galaxies(_SAMPLE_GALAXIES, generator)
     values = {
         name: (
-            _forecast_quasars(Field(lon, lat, still, survey.errors(lon, lat)), survey, power)
+            _forecast_quasars(Field(lon, lat, no_motion, survey.errors(lon, lat)), survey, power)
             | _forecast_galaxies(survey, sample, flows)
         )
         for name, survey in surveys.items()
@@ -423,15 +423,15 @@ def forecast_surveys(
     return SurveyForecast(surveys, values, sky)
 
 
-def _draw_positions(sky, rng):
+def _place_quasars(sky, rng):
     """Positions of the quasars that stand for all."""
     if sky != "uniform":
         from sim.skies import draw_positions  # healpy, for maps alone
 
-        return draw_positions(_QUASARS, rng, sky)
+        return draw_positions(_SAMPLE_QUASARS, rng, sky)
     # A spiral by the golden angle: evener than a draw.
-    i = np.arange(_QUASARS)
-    return i * np.pi * (3 - np.sqrt(5)) % (2 * np.pi), np.arcsin((2 * i + 1) / _QUASARS - 1)
+    i = np.arange(_SAMPLE_QUASARS)
+    return i * np.pi * (3 - np.sqrt(5)) % (2 * np.pi), np.arcsin((2 * i + 1) / _SAMPLE_QUASARS - 1)
 
 
 def _forecast_quasars(field, survey, power):
@@ -443,19 +443,19 @@ def _forecast_quasars(field, survey, power):
     # Noise in degree 2, both kinds: on an even sky 4π/(n w) a coefficient, T and S alike.
     noise = (prediction.noise_power("T", 2) + prediction.noise_power("S", 2)) / 10
     # A floor of degree 1 has as much power in each mode of degree 2; of the published law it is a share.
-    total_error, mode = float(np.hypot(acceleration, survey.floor)), 8 * np.pi / 3 * survey.floor**2
-    law = _LAW * survey.floor / _FLOOR if survey.release else survey.floor
+    total_error, floor_power = float(np.hypot(acceleration, survey.floor)), 8 * np.pi / 3 * survey.floor**2
+    law_floor = _LAW_FLOOR * survey.floor / _FLOOR if survey.release else survey.floor
     tensors = [to_tensor(Coefficients(Modes(2), row)) for row in np.linalg.cholesky(prediction.covariance).T]
-    degrees = np.arange(1, _DEGREES + 1)
+    degrees = np.arange(1, _MAX_DEGREE + 1)
     return {
         "spin": spin,
         "acceleration": acceleration,
         "acceleration_floor": total_error,
-        "acceleration_law": float(np.hypot(acceleration, law)),
+        "acceleration_law": float(np.hypot(acceleration, law_floor)),
         "direction": float(np.degrees(total_error / model_acceleration)),
         "speed": circular_speed(model_acceleration, total_error, *R0)[1],
         "r0": distance_of_centre(model_acceleration, total_error)[1],
-        "waves": 6 / 5 * (noise + mode) * float(chdtri(10, 0.05)) / (4 * np.pi * hubble_rate(_HUBBLE) ** 2),
+        "waves": 6 / 5 * (noise + floor_power) * float(chdtri(10, 0.05)) / (4 * np.pi * hubble_rate(_HUBBLE) ** 2),
         "wave": float(np.sqrt(noise * 6 / (4 * np.pi))),
         "shear": 100 * float(np.sqrt(np.mean(np.sum(np.square(tensors), axis=0)))) / hubble_rate(_HUBBLE),
         "degree": float(np.argmin(np.append(power > (2 * degrees + 1) * noise, False))),
@@ -468,25 +468,25 @@ def _forecast_galaxies(survey, sample, flows):
         return values
     order = np.argsort(sample.redshift)
     # The nearest weigh most: all of them, and of the rest every twentieth for twenty.
-    few = np.concatenate([order[:_NEAREST], order[_NEAREST::_EVERY]])
-    independent_errors = _errors(survey, sample[few], _ALONE, np.where(np.arange(len(few)) < _NEAREST, 1, _EVERY))
-    values["velocity"], values["hubble"] = _velocity_errors(sample[few], independent_errors, flows=None)
+    rows = np.concatenate([order[:_NEAREST], order[_NEAREST::_EVERY]])
+    plain_errors = _galaxy_errors(survey, sample[rows], _ALONE, np.where(np.arange(len(rows)) < _NEAREST, 1, _EVERY))
+    values["velocity"], values["hubble"] = _velocity_errors(sample[rows], plain_errors, flows=None)
     if flows:
-        few = order[:: len(order) // _IN_FLOWS]
-        errors = _errors(survey, sample[few], _BEYOND, len(order) / len(few))
-        velocity, hubble = _velocity_errors(sample[few], errors, flows="linear", n_modes=_MODES)
+        rows = order[:: len(order) // _FLOW_GALAXIES]
+        errors = _galaxy_errors(survey, sample[rows], _BEYOND, len(order) / len(rows))
+        velocity, hubble = _velocity_errors(sample[rows], errors, flows="linear", n_modes=_FLOW_MODES)
         values |= {"velocity_flows": velocity, "hubble_flows": hubble}
     return values
 
 
-def _errors(survey, sample, dispersion, times):
+def _galaxy_errors(survey, sample, dispersion, n_each):
     """Errors of galaxies that stand for several each, their peculiar velocities included. [µas/yr]"""
     scatter = dispersion / (AU_PER_YEAR * transverse_distance(sample.redshift, FLAT_PLANCK13))
     errors = survey.galaxy_errors(sample.magnitude, sample.lon, sample.lat)
-    return np.hypot(errors, scatter) / np.sqrt(times * survey.n_galaxies / _GALAXIES)
+    return np.hypot(errors, scatter) / np.sqrt(n_each * survey.n_galaxies / _SAMPLE_GALAXIES)
 
 
 def _velocity_errors(sample, errors, **options):
     field = Field(sample.lon, sample.lat, np.zeros_like(errors), errors, redshift=sample.redshift)
-    ours, constant = predict_velocity(field, 67.3, peculiar_dispersion=_NONE, left_out=False, **options)
+    ours, constant = predict_velocity(field, 67.3, peculiar_dispersion=_NO_DISPERSION, left_out=False, **options)
     return float(np.sqrt(np.trace(ours.velocity.covariance) / 3)), float(constant.hubble_error)

@@ -40,7 +40,7 @@ _COLUMNS = {
     "parameters solved": ("astrometric_params", "astrometric_params_solved"),
 }
 #: The highest degree of the headline: higher ones tell less of degree 1.
-_HIGHEST = 7
+_HEADLINE_DEGREE = 7
 _KAPPA = 3.0
 
 
@@ -112,7 +112,7 @@ class Quasars(InNotebook):
     @property
     def degree(self) -> int:
         """Highest degree from which systematic errors are estimated."""
-        return degree_for(len(self.field), _HIGHEST)
+        return degree_for(len(self.field), _HEADLINE_DEGREE)
 
     @cached_property
     def normal(self) -> NormalEquations:
@@ -144,8 +144,8 @@ def clip_quasars(field: Field) -> ClippedFit:
     try:
         return clip(field, lmax, _KAPPA)
     except ConvergenceError:
-        white = fit_field(field, lmax).residuals(field).whitened
-        return clip(field, lmax, threshold=_KAPPA * float(np.median(np.sqrt(np.sum(white**2, 0)))))
+        whitened = fit_field(field, lmax).residuals(field).whitened
+        return clip(field, lmax, threshold=_KAPPA * float(np.median(np.sqrt(np.sum(whitened**2, 0)))))
 
 
 def read_quasars(source: Any, *, axes: str = "icrs", **reading: Any) -> Quasars:
@@ -177,9 +177,9 @@ def read_quasars(source: Any, *, axes: str = "icrs", **reading: Any) -> Quasars:
     table_source = tables.open_table(source, reading.pop("format", None))
     field = catalogue.read_field(table_source, **reading, roles=("name", "redshift", "magnitude")).to_frame(axes)
     present = {meaning: [name for name in names if name in table_source.names] for meaning, names in _COLUMNS.items()}
-    names = {meaning: found[0] for meaning, found in present.items() if found}
-    read = catalogue.read_columns(table_source, names.values(), **reading)
-    columns = {meaning: read[name] for meaning, name in names.items()}
+    names = {meaning: column_names[0] for meaning, column_names in present.items() if column_names}
+    read_columns = catalogue.read_columns(table_source, names.values(), **reading)
+    columns = {meaning: read_columns[name] for meaning, name in names.items()}
     for meaning, values in (("redshift", field.redshift), ("G", field.magnitude)):
         if values is not None:
             columns[meaning] = np.asarray(values, float)
@@ -187,7 +187,7 @@ def read_quasars(source: Any, *, axes: str = "icrs", **reading: Any) -> Quasars:
 
 
 #: What classes share is looked for to this degree, in no class of fewer sources.
-_DEGREE, FEWEST = 5, 100
+_CLASS_DEGREE, MIN_CLASS_SIZE = 5, 100
 #: Draws of the systematic errors, repeated where few have weight: p-values of 200 and of 800 differ by a tenth.
 _DRAWS = 200
 #: Skies behind a p-value, which is multiplied by the number of checks: 1/40 000 is the smallest.
@@ -209,20 +209,20 @@ class Comparison(InNotebook):
     def at_face_value(self, kind: str | None = None) -> float:
         """p-value of spins ("T"), accelerations ("S") or both that are alike, with formal errors and nothing shared."""
         components = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[kind]
-        blocks = [of_degree(solution, 1) for solution in self.plain]
+        blocks = [select_degree(solution, 1) for solution in self.plain]
         values = np.array([value[components] for value, _ in blocks])
         covariance = block_diag(*(covariance[components, components] for _, covariance in blocks))
         misfit = gls(values, covariance, np.ones((len(values), 1)))[1]
         return float(chdtrc(values.size - values.shape[1], misfit))
 
 
-def of_degree(solution: Solution, degree: int) -> tuple[FloatArray, FloatArray]:
+def select_degree(solution: Solution, degree: int) -> tuple[FloatArray, FloatArray]:
     """Coefficients of one degree of a solution, and their covariance."""
-    at = np.flatnonzero(solution.modes.degrees == degree)
-    return solution.values[at], solution.covariance[np.ix_(at, at)]
+    indices = np.flatnonzero(solution.modes.degrees == degree)
+    return solution.values[indices], solution.covariance[np.ix_(indices, indices)]
 
 
-def compare(quasars: Quasars, classes: Classes, rng: Rng = 1, lmax: int | None = None) -> Comparison:
+def compare_classes(quasars: Quasars, classes: Classes, rng: Rng = 1, lmax: int | None = None) -> Comparison:
     """Compare classes of sources, each with formal errors, and all with systematic errors.
 
     Parameters
@@ -242,16 +242,16 @@ def compare(quasars: Quasars, classes: Classes, rng: Rng = 1, lmax: int | None =
     DegeneracyError
         If fewer than two classes have enough sources.
     """
-    large = classes.of_at_least(FEWEST)
-    if len(large) < 2:
+    eligible = classes.of_at_least(MIN_CLASS_SIZE)
+    if len(eligible) < 2:
         counts = ", ".join(f"{name}: {mask.sum()}" for name, mask in classes)
-        raise DegeneracyError(f"fewer than two classes have {FEWEST} sources or more ({counts})")
-    degree = degree_for(min(mask.sum() for _, mask in large), _DEGREE, least=3, per_mode=4)
-    normals = [quasars.equations(mask, degree) for _, mask in large]
-    plain = [solve(quasars.plain_equations(mask, lmax or degree)) for _, mask in large]
-    extensions = extend_degrees(normals, quasars.equations, [mask for _, mask in large])
+        raise DegeneracyError(f"fewer than two classes have {MIN_CLASS_SIZE} sources or more ({counts})")
+    degree = degree_for(min(mask.sum() for _, mask in eligible), _CLASS_DEGREE, least=3, per_mode=4)
+    normals = [quasars.equations(mask, degree) for _, mask in eligible]
+    plain = [solve(quasars.plain_equations(mask, lmax or degree)) for _, mask in eligible]
+    extensions = extend_degrees(normals, quasars.equations, [mask for _, mask in eligible])
     comparison = shared(
-        extensions, range(2, degree + 1), labels=large.labels, draws=_DRAWS, noise_scale=quasars.is_scaled, rng=rng
+        extensions, range(2, degree + 1), labels=eligible.labels, draws=_DRAWS, noise_scale=quasars.is_scaled, rng=rng
     )
     return Comparison(plain, comparison)
 
@@ -296,7 +296,7 @@ def degree_shift(field: Field, low: int, high: int, floor: Floor | None) -> tupl
     if floor is None:
         noise = normal.matrix * solution.quality.factor**2
     else:
-        scale, excess_variance = _scatter(solution.residuals(field))
+        scale, excess_variance = _fit_scatter(solution.residuals(field))
         noise = scale * normal.matrix + excess_variance * normal_equations(_with_squared_covariance(field), high).matrix
         noise = noise + normal.matrix @ np.diag(floor.spectrum.variances(modes)) @ normal.matrix
     move, covariance = m @ normal.rhs, m @ noise @ m.T
@@ -374,15 +374,15 @@ def most_influential_source(field: Field, lmax: int) -> tuple[int, float, float]
     whitening = np.linalg.inv(np.linalg.cholesky(solution.covariance[np.ix_(rows, rows)])) @ solution.covariance[rows]
     residual = solution.residuals(field)
     blocks = [np.arange(start, min(start + _BLOCK, len(field))) for start in range(0, len(field), _BLOCK)]
-    moves = np.concatenate([_squared_influences(residual[block], solution.modes, whitening) for block in blocks])
-    largest = int(np.argmax(moves))
+    move_squares = np.concatenate([_squared_influences(residual[block], solution.modes, whitening) for block in blocks])
+    largest = int(np.argmax(move_squares))
     # The scatter of the others: the source that is asked about must not excuse itself.
-    scale, excess_variance = _scatter(residual[np.delete(np.arange(len(field)), largest)])
-    log = sum(
-        _log_probability_none(residual[block], solution, whitening, scale, excess_variance, moves[largest])
+    scale, excess_variance = _fit_scatter(residual[np.delete(np.arange(len(field)), largest)])
+    log_probability = sum(
+        _log_probability_of_none(residual[block], solution, whitening, scale, excess_variance, move_squares[largest])
         for block in blocks
     )
-    return largest, float(np.sqrt(moves[largest])), float(-np.expm1(log))
+    return largest, float(np.sqrt(move_squares[largest])), float(-np.expm1(log_probability))
 
 
 def _squared_influences(residual, modes, whitening):
@@ -398,7 +398,7 @@ def _acceleration_derivative(residual, modes, whitening):
     return np.einsum("aip,jip->ajp", g, _weight_root(residual))
 
 
-def _log_probability_none(residual, solution, whitening, scale, excess_variance, size):
+def _log_probability_of_none(residual, solution, whitening, scale, excess_variance, move_square):
     """Log of the probability that none of these sources moves it by so much."""
     root, derivative = _weight_root(residual), _acceleration_derivative(residual, solution.modes, whitening)
     # What least squares leave of a residual, 1 − R Vᵀ C V Rᵀ, and what all sources scatter by besides.
@@ -412,22 +412,22 @@ def _log_probability_none(residual, solution, whitening, scale, excess_variance,
     larger, smaller = middle + offset, np.maximum(middle - offset, 0)
     # Two squares with weights λ1, λ2 exceed x together with the mean over φ of exp(−x / 2(λ1 cos²φ + λ2 sin²φ)).
     with np.errstate(over="ignore", divide="ignore"):
-        tail = np.mean([np.exp(-size / (2 * (larger * u + smaller * (1 - u)))) for u in _ANGLES], axis=0)
+        tail = np.mean([np.exp(-move_square / (2 * (larger * u + smaller * (1 - u)))) for u in _ANGLES], axis=0)
     return np.sum(np.log1p(-np.minimum(tail, 1 - 1e-16)))
 
 
-def _scatter(residual):
+def _fit_scatter(residual):
     """Residuals as τ² of the quoted variance and a variance that all have: r²/σ² = τ² + s²/σ²."""
-    x, y = residual.weights[:2].mean(0), np.mean(residual.whitened**2, 0)
-    if not np.ptp(x) > 0:
-        return float(np.mean(y)), 0.0
-    scale, excess_variance, design = float(np.mean(y)), 0.0, np.stack([np.ones_like(x), x])
+    weight, chi2 = residual.weights[:2].mean(0), np.mean(residual.whitened**2, 0)
+    if not np.ptp(weight) > 0:
+        return float(np.mean(chi2)), 0.0
+    scale, excess_variance, design = float(np.mean(chi2)), 0.0, np.stack([np.ones_like(weight), weight])
     for _ in range(5):  # the likeliest two, of exponential y
-        weighted_design = design / (scale + excess_variance * x) ** 2
+        weighted_design = design / (scale + excess_variance * weight) ** 2
         matrix = weighted_design @ design.T
-        scale, excess_variance = np.linalg.solve(matrix, weighted_design @ y)
+        scale, excess_variance = np.linalg.solve(matrix, weighted_design @ chi2)
         excess_variance = max(excess_variance, 0.0)
-        scale = max(float(scale if excess_variance else np.mean(y)), 0.1 * float(np.mean(y)))
+        scale = max(float(scale if excess_variance else np.mean(chi2)), 0.1 * float(np.mean(chi2)))
     return float(scale), float(excess_variance)
 
 

@@ -9,7 +9,7 @@ from fit.methods import Recommended
 from fit.results.quality import SEEN
 from study.referee._quasars import Quasars
 from study.referee._rows import HINT, Analysis, Check
-from study.referee._sections import checks, sections
+from study.referee._sections import analyses, checks
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.sections import Answer, Section, text_of
@@ -19,23 +19,23 @@ from vsh.tools.notebook import InNotebook
 from vsh.tools.types import Rng, Table
 
 #: The paper whose result is that of the lines to quote.
-_QUOTED = "klioner2021"
+_QUOTED_PAPER = "klioner2021"
 #: How many checks a short report lists, those with the smallest p-values.
-_LISTED = 3
+_N_LISTED = 3
 
 
-def _analysis_section(section):
+def _make_analysis_section(analysis):
     """The numbers of an analysis with the published ones."""
-    title = f"{section.title} — {section.paper.reference}"
-    if section.lacking:
-        return Section(title, [("not done", section.lacking)])
+    title = f"{analysis.title} — {analysis.paper.reference}"
+    if analysis.lacking:
+        return Section(title, [("not done", analysis.lacking)])
     columns = {
-        "quantity": [row.quantity for row in section.rows],
-        "published": [str(row.published) for row in section.rows],
-        "published method": [str(row.theirs) for row in section.rows],
-        "systematic errors included": [str(row.shared) for row in section.rows],
+        "quantity": [row.quantity for row in analysis.rows],
+        "published": [str(row.published) for row in analysis.rows],
+        "published method": [str(row.theirs) for row in analysis.rows],
+        "systematic errors included": [str(row.shared) for row in analysis.rows],
     }
-    return Section(title, [("result", section.verdict)], tables.table_of(columns))
+    return Section(title, [("result", analysis.verdict)], tables.table_of(columns))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,7 +114,7 @@ class Referee(InNotebook):
         floor = floor if solution.includes_floor else "not known, because so few sources determine none"
         sources = f"{len(quasars.whole)}; {quasars.n_clipped} outliers are excluded from the least-squares fits"
         facts = [("sources", sources), ("fit", f"{solution.frame} axes; systematic errors {floor}")]
-        other_sections = [section for section in self.sections if section.paper.key != _QUOTED]
+        other_sections = [section for section in self.sections if section.paper.key != _QUOTED_PAPER]
         if not long:
             facts += [
                 (section.paper.citation, f"not tested: {section.lacking}" if section.lacking else section.verdict)
@@ -122,17 +122,17 @@ class Referee(InNotebook):
             ]
         return (
             Section(quasars.label, facts),
-            *(map(_analysis_section, self.sections) if long else ()),
-            self._checks(long),
+            *(map(_make_analysis_section, self.sections) if long else ()),
+            self._make_checks_section(long),
         )
 
-    def _checks(self, long):
+    def _make_checks_section(self, long):
         """The checks with their p-values; short, those with the smallest."""
         tests = sorted(
             (check for check in self.checks if not check.lacking),
             key=lambda check: (np.isnan(check.p_value), check.p_value),
         )
-        selection = self.checks if long else tests[:_LISTED]
+        selection = self.checks if long else tests[:_N_LISTED]
         columns = {
             "check": [check.question for check in selection],
             "p_value": [check.p_value for check in selection],
@@ -158,7 +158,7 @@ class Referee(InNotebook):
     def tables(self) -> dict[str, Table]:
         """Sections and checks as astropy Tables, by name."""
         rows: list[Any] = [
-            (section.paper.key, row.quantity, *_cells(row)) for section in self.sections for row in section.rows
+            (section.paper.key, row.quantity, *_number_cells(row)) for section in self.sections for row in section.rows
         ]
         names = ("paper", "quantity", "published", "published_error", "published_method", "published_method_error",
                  "systematics", "systematics_error", "kind")  # fmt: skip
@@ -187,14 +187,14 @@ class Referee(InNotebook):
             f"{entry.paper.key}_{name}": result for entry in self.sections for name, result in entry.results.items()
         }
         for entry in self.checks:
-            results |= {f"check_{entry.key.replace(' ', '_')}_{of}": result for of, result in entry.results.items()}
+            results |= {f"check_{entry.key.replace(' ', '_')}_{name}": result for name, result in entry.results.items()}
         return results
 
 
-def _cells(row):
+def _number_cells(row):
     numbers = row.published, row.theirs, row.shared
     value_types = {number.kind.replace("size", "value") for number in numbers if np.isfinite(number.value)}
-    pairs = [x for number in numbers for x in (number.value, number.error)]
+    pairs = [cell for number in numbers for cell in (number.value, number.error)]
     return (*pairs, "/".join(sorted(value_types)))
 
 
@@ -218,4 +218,4 @@ def referee(quasars: Quasars, rng: Rng = 1, *, earlier: Field | None = None) -> 
     """
     sections_seed, checks_seed = (int(stream.integers(2**31)) for stream in generator(rng).spawn(2))
     main = quasars.recommended
-    return Referee(quasars, main, sections(quasars, main, sections_seed), checks(quasars, main, checks_seed, earlier))
+    return Referee(quasars, main, analyses(quasars, main, sections_seed), checks(quasars, main, checks_seed, earlier))

@@ -84,7 +84,7 @@ class Value(NamedTuple):
 
 
 #: Nothing to say.
-NONE = Value(float("nan"))
+NO_VALUE = Value(float("nan"))
 
 
 @dataclass(frozen=True)
@@ -92,9 +92,9 @@ class Row(InNotebook):
     """A number of a section: published, with the published method, and with systematic errors."""
 
     quantity: str
-    published: Value = NONE
-    theirs: Value = NONE
-    shared: Value = NONE
+    published: Value = NO_VALUE
+    theirs: Value = NO_VALUE
+    shared: Value = NO_VALUE
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,11 +154,11 @@ class Check(InNotebook):
     results: dict[str, Any] = field(default_factory=dict)
 
 
-def format_verdict(p: float, nothing: str, something: str) -> str:
+def format_verdict(p: float, null_text: str, finding_text: str) -> str:
     """A verdict in words by its p-value."""
     p_text = f"p = {printed_p_value(p)}"
     if not p < HINT:  # nan, too
-        return f"{nothing} ({p_text})"
+        return f"{null_text} ({p_text})"
     if p >= SEEN:
-        return f"weak evidence: {something} ({p_text}; by chance in one test of {1 / p:.0f})"
-    return f"{something} ({p_text})"
+        return f"weak evidence: {finding_text} ({p_text}; by chance in one test of {1 / p:.0f})"
+    return f"{finding_text} ({p_text})"

@@ -37,14 +37,14 @@ def plot_accelerations(sections: Sequence[Analysis], *, ax: Axes | None = None) 
         rows = {row.quantity[:3]: row for row in section.rows if row.quantity.startswith("g_")}
         if len(rows) == 3:
             citation = section.paper.citation
-            for of, label in (("published", citation), ("theirs", f"{citation}, here")):
-                lines.append((label, [getattr(rows[f"g_{axis}"], of) for axis in "xyz"]))
+            for attr, label in (("published", citation), ("theirs", f"{citation}, here")):
+                lines.append((label, [getattr(rows[f"g_{axis}"], attr) for axis in "xyz"]))
             recommended_lines = [("recommended fit", [rows[f"g_{axis}"].shared for axis in "xyz"])]
     lines += recommended_lines
     y = -np.arange(len(lines))
     for k, (axis, colour) in enumerate(zip("xyz", COLOURS, strict=False)):
         values, errors = (
-            np.array([getattr(components[k], of) for _, components in lines], float) for of in ("value", "error")
+            np.array([getattr(components[k], attr) for _, components in lines], float) for attr in ("value", "error")
         )
         axes.errorbar(
             values, y + 0.18 * (1 - k), xerr=np.nan_to_num(errors), fmt="os^"[k], color=colour, markersize=3,
@@ -91,26 +91,26 @@ def html(
     sky_panel = page.sky(sky)
     if sky_panel.html:
         remaining_figures.pop("sky", None)
-    panels_ = [
+    page_panels = [
         page.facts(referee.answer.lines, "answer"),
         page.heading("At a glance", page.figure_panels(overview, _CAPTIONS)),
         page.heading("The sky", sky_panel),
-        *(_section(section, remaining_figures) for section in referee.sections),
-        page.heading("Is it the instrument?", page.paragraph(_CHECKS, "faint"), _checks(referee)),
+        *(_make_analysis_panel(section, remaining_figures) for section in referee.sections),
+        page.heading("Is it the instrument?", page.paragraph(_CHECKS_TEXT, "faint"), _make_checks_table(referee)),
         page.heading("Figures", page.figure_panels(remaining_figures, {})),
         page.notes(quasars.field.notes),
         page.provenance(dict(provenance), command),
     ]
     name = Path(quasars.label).name  # a page goes where its folders do not
     lead = f"{name} — {len(quasars.whole)} sources, {solution.frame.replace('icrs', 'ICRS')} axes"
-    return page.page("What the motions of these quasars say", panels_, lead=lead)
+    return page.page("What the motions of these quasars say", page_panels, lead=lead)
 
 
 _CAPTIONS = {
     "accelerations": "Accelerations: published, and of these sources.",
     "checks": "p-values of the checks, with systematic errors (dots) and as quoted (crosses); lines: .05 and .0027.",
 }
-_OF_SECTIONS = {
+_SECTION_CAPTIONS = {
     "classes": "Spin and acceleration of each class, with systematic errors.",
     "magnitudes": "Spin and acceleration of bright and faint sources, with systematic errors.",
     "expansion": "Size of the expansion in each bin; grey: what noise and systematic errors show on average.",
@@ -118,13 +118,13 @@ _OF_SECTIONS = {
     "pairs": "Correlation of the motions of pairs by the angle between them, and the number of pairs.",
     "floor": "Power of the systematic errors in each parity: median and 68 %.",
 }
-_CHECKS = (
+_CHECKS_TEXT = (
     "Each row tests whether the acceleration and the spin depend on it: p-values with systematic errors, and with "
     "formal errors alone, which are too small where sources have systematic errors in common."
 )
 
 
-def _section(section: Analysis, figures: dict[str, Any]) -> page.Panel:
+def _make_analysis_panel(section: Analysis, figures: dict[str, Any]) -> page.Panel:
     """Numbers of one analysis: published, with the published method, with systematic errors; and its figures."""
     about = page.paragraph(f"{section.paper.reference}; {section.paper.data}", "faint")
     if section.lacking:
@@ -133,14 +133,14 @@ def _section(section: Analysis, figures: dict[str, Any]) -> page.Panel:
     heads = ["", "published", "ours, published method", "ours, systematic errors included"]
     names = [f"{section.paper.key}_{name}" for name in section.results]
     section_figures = {name: figures.pop(name) for name in names if name in figures}
-    captions = {name: _OF_SECTIONS.get(name.partition("_")[2], section.title) for name in section_figures}
+    captions = {name: _SECTION_CAPTIONS.get(name.partition("_")[2], section.title) for name in section_figures}
     return page.heading(
         section.title, about, page.paragraph(f"Verdict: {section.verdict}."), page.table(heads, rows),
         page.figure_panels(section_figures, captions) if section_figures else page.Panel(""),
     )  # fmt: skip
 
 
-def _checks(referee):
+def _make_checks_table(referee):
     rows = []
     for check in referee.checks:
         p_values = map(printed_p_value, (check.p_value, check.at_face_value))

@@ -97,7 +97,7 @@ def test_many_sources_take_the_compiled_loop(monkeypatch):
     from sim.scanning import _compiled
 
     used, loop = [], _compiled.crossings
-    monkeypatch.setattr("sim.scanning._nominal._MANY", 1000)
+    monkeypatch.setattr("sim.scanning._nominal._COMPILED_FROM", 1000)
     monkeypatch.setattr(_compiled, "crossings", lambda r, *more: used.append(len(r)) or loop(r, *more))
     again = law.transits(lon, lat, threads=1)
     assert used == [1000, 200]

@@ -21,7 +21,7 @@ _ONE, _TWO, _THREE = np.uintp(1), np.uintp(2), np.uintp(3)
 
 
 @njit(inline="always")
-def _spline(f):
+def _spline_weights(f):
     g = 1.0 - f
     return (
         g * g * g / 6.0,
@@ -32,7 +32,7 @@ def _spline(f):
 
 
 @njit(inline="always")
-def _axes(s, c, table, q):
+def _scan_axes(s, c, table, q):
     """Compute n and m on the sky, from the scan angle and sin α, cos α, sin δ, cos δ of the source."""
     # Double precision is used from here on, so that the null space is exact.
     sa, ca, sd, cd = np.float64(table[q, 0]), np.float64(table[q, 1]), np.float64(table[q, 2]), np.float64(table[q, 3])
@@ -47,11 +47,11 @@ def _observation(i, first, transits):
     q, k = np.uintp(source[i]), np.uintp(knot[i] - first)
     s, c, f = np.float64(sin[i]), np.float64(cos[i]), np.float64(frac[i])
     partials = (s, c, fal[i], fac[i], (knot[i] + f) * spacing - middle)
-    return q, k, _spline(f), partials, _axes(s, c, table, q), (table[q, 4], table[q, 5])
+    return q, k, _spline_weights(f), partials, _scan_axes(s, c, table, q), (table[q, 4], table[q, 5])
 
 
 @njit(inline="always")
-def _of_source(x, q, r, partials):
+def _predict_by_source(x, q, r, partials):
     """Along and across scan by the parameters of a source."""
     s, c, fal, fac, t = partials
     east, north = x[q, 0, r] + t * x[q, 3, r], x[q, 1, r] + t * x[q, 4, r]
@@ -59,14 +59,14 @@ def _of_source(x, q, r, partials):
 
 
 @njit(inline="always")
-def _add_to_source(out, q, r, partials, along, across):
+def _add_to_source(sources, q, r, partials, along, across):
     s, c, fal, fac, t = partials
     east, north = s * along - c * across, c * along + s * across
-    out[q, 0, r] += east
-    out[q, 1, r] += north
-    out[q, 2, r] += fal * along + fac * across
-    out[q, 3, r] += t * east
-    out[q, 4, r] += t * north
+    sources[q, 0, r] += east
+    sources[q, 1, r] += north
+    sources[q, 2, r] += fal * along + fac * across
+    sources[q, 3, r] += t * east
+    sources[q, 4, r] += t * north
 
 
 @njit(inline="always")
@@ -77,7 +77,7 @@ def _spline_value(h, k, axis, r, b):
 
 
 @njit(inline="always")
-def _of_attitude(h, k, r, b, axes):
+def _predict_by_attitude(h, k, r, b, axes):
     """Along and across scan by the coefficients of the attitude."""
     nx, ny, nz, mx, my, mz = axes
     ex, ey, ez = _spline_value(h, k, 0, r, b), _spline_value(h, k, 1, r, b), _spline_value(h, k, 2, r, b)
@@ -93,33 +93,33 @@ def _add_spline_terms(attitude, k, axis, r, b, g):
 
 
 @njit(inline="always")
-def _add_to_attitude(out, k, r, b, axes, along, across):
+def _add_to_attitude(attitude, k, r, b, axes, along, across):
     nx, ny, nz, mx, my, mz = axes
-    _add_spline_terms(out, k, 0, r, b, mx * across - nx * along)
-    _add_spline_terms(out, k, 1, r, b, my * across - ny * along)
-    _add_spline_terms(out, k, 2, r, b, mz * across - nz * along)
+    _add_spline_terms(attitude, k, 0, r, b, mx * across - nx * along)
+    _add_spline_terms(attitude, k, 1, r, b, my * across - ny * along)
+    _add_spline_terms(attitude, k, 2, r, b, mz * across - nz * along)
 
 
 @_compile
 def to_attitude(
-    start: int, stop: int, first: int, lengths: tuple, x: FloatArray, out: FloatArray, transits: tuple
+    start: int, stop: int, first: int, lengths: tuple, x: FloatArray, attitude: FloatArray, transits: tuple
 ) -> None:
-    """Add Cᵀ x to `out`: the terms of the attitude's equations that the source parameters x give."""
+    """Add Cᵀ x to `attitude`: the terms of the attitude's equations that the source parameters x give."""
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k, b, partials, axes, weights = _observation(i, first, transits)
         for r in range(np.uintp(len(lengths))):
-            along, across = _of_source(x, q, r, partials)
-            _add_to_attitude(out, k, r, b, axes, weights[0] * along, weights[1] * across)
+            along, across = _predict_by_source(x, q, r, partials)
+            _add_to_attitude(attitude, k, r, b, axes, weights[0] * along, weights[1] * across)
 
 
 @_compile
-def to_sources(start: int, stop: int, lengths: tuple, h: FloatArray, out: FloatArray, transits: tuple) -> None:
-    """Add C h to `out`: the terms of the sources' equations that the attitude coefficients h give."""
+def to_sources(start: int, stop: int, lengths: tuple, h: FloatArray, sources: FloatArray, transits: tuple) -> None:
+    """Add C h to `sources`: the terms of the sources' equations that the attitude coefficients h give."""
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k, b, partials, axes, weights = _observation(i, 0, transits)
         for r in range(np.uintp(len(lengths))):
-            along, across = _of_attitude(h, k, r, b, axes)
-            _add_to_source(out, q, r, partials, weights[0] * along, weights[1] * across)
+            along, across = _predict_by_attitude(h, k, r, b, axes)
+            _add_to_source(sources, q, r, partials, weights[0] * along, weights[1] * across)
 
 
 @_compile
@@ -129,40 +129,40 @@ def predict(
     """Compute the observations that the parameters x and h predict, and store them in `along` and `across`."""
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k, b, partials, axes, _ = _observation(i, 0, transits)
-        of_source, of_attitude = _of_source(x, q, 0, partials), _of_attitude(h, k, 0, b, axes)
-        along[i], across[i] = of_source[0] + of_attitude[0], of_source[1] + of_attitude[1]
+        by_source, by_attitude = _predict_by_source(x, q, 0, partials), _predict_by_attitude(h, k, 0, b, axes)
+        along[i], across[i] = by_source[0] + by_attitude[0], by_source[1] + by_attitude[1]
 
 
 @_compile
 def adjoint(
-    start: int, stop: int, first: int, observations: tuple, out: FloatArray, attitude: FloatArray, transits: tuple
+    start: int, stop: int, first: int, observations: tuple, sources: FloatArray, attitude: FloatArray, transits: tuple
 ) -> None:
-    """Apply the weighted transpose of `predict`, and add the result to `out` and `attitude`."""
+    """Apply the weighted transpose of `predict`, and add the result to `sources` and `attitude`."""
     along, across = observations
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k, b, partials, axes, weights = _observation(i, first, transits)
         weighted_along, weighted_across = weights[0] * along[i], weights[1] * across[i]
         _add_to_attitude(attitude, k, 0, b, axes, weighted_along, weighted_across)
-        _add_to_source(out, q, 0, partials, weighted_along, weighted_across)
+        _add_to_source(sources, q, 0, partials, weighted_along, weighted_across)
 
 
 @_compile
-def blocks(start: int, stop: int, first: int, squares: FloatArray, band: FloatArray, transits: tuple) -> None:
+def blocks(start: int, stop: int, first: int, source_blocks: FloatArray, band: FloatArray, transits: tuple) -> None:
     """Add the lower triangles of the sources' blocks, and the lower band of the attitude's matrix, by columns."""
-    a, d, n, m = np.empty(5), np.empty(5), np.empty(3), np.empty(3)
+    along, across, n, m = np.empty(5), np.empty(5), np.empty(3), np.empty(3)
     for i in range(start, stop):
-        source, knot, b, (s, c, fal, fac, t), axes, (of_along, of_across) = _observation(i, first, transits)
-        block = squares[source]
-        a[0], a[1], a[2], a[3], a[4] = s, c, fal, t * s, t * c
-        d[0], d[1], d[2], d[3], d[4] = -c, s, fac, -t * c, t * s
+        source, knot, b, (s, c, fal, fac, t), axes, (along_weight, across_weight) = _observation(i, first, transits)
+        block = source_blocks[source]
+        along[0], along[1], along[2], along[3], along[4] = s, c, fal, t * s, t * c
+        across[0], across[1], across[2], across[3], across[4] = -c, s, fac, -t * c, t * s
         for p in range(5):
             for q in range(p + 1):
-                block[p, q] += of_along * a[p] * a[q] + of_across * d[p] * d[q]
+                block[p, q] += along_weight * along[p] * along[q] + across_weight * across[p] * across[q]
         n[0], n[1], n[2], m[0], m[1], m[2] = axes
         k = np.intp(knot)
         for p in range(3):
             for q in range(3):
-                w = of_along * n[p] * n[q] + of_across * m[p] * m[q]
+                w = along_weight * n[p] * n[q] + across_weight * m[p] * m[q]
                 for u in range(4):
                     for v in range(u + 1):
                         distance = 3 * (u - v) + p - q

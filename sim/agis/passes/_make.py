@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from sim.agis.passes._scans import BANDS, PARTS, TOGETHER, Scans, spline_weights
+from sim.agis.passes._scans import BANDS, BLOCK_TRANSITS, PARTS, Scans, spline_weights
 from vsh.tools.errors import ParameterError
 from vsh.tools.parallel import thread_count
 from vsh.tools.types import BoolArray, FloatArray
@@ -30,8 +30,8 @@ class CompiledPasses:
         self.columns = tuple(np.asarray(getattr(scans, name)) for name in names)
         self.table, self.spacing, self.middle = table[self.order], scans.spacing, scans.middle
         # Cut between knots at equal numbers of transits: each part has intervals of its own.
-        indices = np.linspace(0, len(scans) - 1, PARTS + 1).astype(int)[1:-1] if len(scans) else []
-        edges = np.unique(np.r_[0, scans.knot[indices], scans.intervals].astype(int))
+        cut_rows = np.linspace(0, len(scans) - 1, PARTS + 1).astype(int)[1:-1] if len(scans) else []
+        edges = np.unique(np.r_[0, scans.knot[cut_rows], scans.intervals].astype(int))
         self.knots = list(pairwise(edges))
         self.bounds = list(pairwise(np.searchsorted(scans.knot, edges).tolist()))
 
@@ -39,7 +39,7 @@ class CompiledPasses:
         """Arguments of the kernels for some transits, which they count from zero."""
         return (*(column[chunk] for column in self.columns), self.table, self.spacing, self.middle)
 
-    def _map(self, work: Callable[[int, int, int, int], Any], step: int = 1):
+    def _map_parts(self, work: Callable[[int, int, int, int], Any], step: int = 1):
         """work(start, stop, first knot, last knot) of every part, in order; no more are at hand than threads."""
         arguments = [(*bounds, *knots) for bounds, knots in zip(self.bounds, self.knots, strict=True)][::step]
         if self.threads == 1:
@@ -47,19 +47,19 @@ class CompiledPasses:
             return
         with ThreadPoolExecutor(self.threads) as pool:
             for start in range(0, len(arguments), self.threads):
-                yield from pool.map(lambda piece: work(*piece), arguments[start : start + self.threads])
+                yield from pool.map(lambda argument: work(*argument), arguments[start : start + self.threads])
 
     def to_attitude(self, x: FloatArray) -> FloatArray:
         """Cᵀ x."""
         x, lengths, transits = x[self.order], (0,) * x.shape[-1], self._kernel_arguments()
 
-        def attitude_part(start, stop, first_knot, last_knot):
+        def sum_attitude(start, stop, first_knot, last_knot):
             attitude = np.zeros((last_knot - first_knot + 3, 3, len(lengths)))
             self._kernels.to_attitude(start, stop, first_knot, lengths, x, attitude, transits)
             return attitude
 
         total = np.zeros((self.coefficients, 3, len(lengths)))
-        for (first_knot, last_knot), partial_sum in zip(self.knots, self._map(attitude_part), strict=True):
+        for (first_knot, last_knot), partial_sum in zip(self.knots, self._map_parts(sum_attitude), strict=True):
             total[first_knot : last_knot + 3] += partial_sum  # parts overlap by the three coefficients at their ends
         return total
 
@@ -67,32 +67,32 @@ class CompiledPasses:
         """C h."""
         h, lengths, transits = np.ascontiguousarray(h), (0,) * h.shape[-1], self._kernel_arguments()
 
-        def source_part(start, stop, first_knot, last_knot):
+        def sum_sources(start, stop, first_knot, last_knot):
             sources = np.zeros((self.n, 5, len(lengths)))
             self._kernels.to_sources(start, stop, lengths, h, sources, transits)
             return sources
 
         # From the end, where `to_attitude` stopped: of transits on disk the last are still in memory.
-        return reduce(lambda total, part: np.add(total, part, out=total), self._map(source_part, -1))[self.rank]
+        return reduce(lambda total, part: np.add(total, part, out=total), self._map_parts(sum_sources, -1))[self.rank]
 
     def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Predict the observations by the parameters."""
         along, across = (self.array(len(self.columns[0])) for _ in range(2))
         x, h, transits = x[self.order][..., None], np.ascontiguousarray(h)[..., None], self._kernel_arguments()
-        list(self._map(lambda start, stop, *_: self._kernels.predict(start, stop, x, h, along, across, transits)))
+        list(self._map_parts(lambda start, stop, *_: self._kernels.predict(start, stop, x, h, along, across, transits)))
         return along, across
 
     def adjoint(
         self, along: FloatArray, across: FloatArray, x: FloatArray | None = None, h: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Its weighted transpose, of observations less what parameters make of them."""
+        """Apply the weighted transpose of `predict` to observations less what parameters make of them."""
         along, across = np.ascontiguousarray(along), np.ascontiguousarray(across)
         parameters = None if x is None or h is None else (x[self.order][..., None], np.ascontiguousarray(h)[..., None])
 
-        def adjoint_part(start, stop, first_knot, last_knot):
+        def sum_adjoint(start, stop, first_knot, last_knot):
             sources, attitude = np.zeros((self.n, 5, 1)), np.zeros((last_knot - first_knot + 3, 3, 1))
-            for offset in range(start, stop, TOGETHER):
-                chunk = slice(offset, min(offset + TOGETHER, stop))
+            for offset in range(start, stop, BLOCK_TRANSITS):
+                chunk = slice(offset, min(offset + BLOCK_TRANSITS, stop))
                 observations, k = (along[chunk], across[chunk]), chunk.stop - offset
                 transits = self._kernel_arguments(chunk)
                 if parameters is not None:
@@ -103,23 +103,23 @@ class CompiledPasses:
             return sources, attitude
 
         sources, attitude = np.zeros((self.n, 5, 1)), np.zeros((self.coefficients, 3, 1))
-        for (first, last), (source_sums, attitude_sums) in zip(self.knots, self._map(adjoint_part), strict=True):
+        for (first, last), (source_sums, attitude_sums) in zip(self.knots, self._map_parts(sum_adjoint), strict=True):
             sources += source_sums
             attitude[first : last + 3] += attitude_sums
         return sources[self.rank][..., 0], attitude[..., 0]
 
     def blocks(self) -> tuple[FloatArray, FloatArray]:
         """Blocks of the sources, (n, 5, 5), and the lower band of the attitude's matrix."""
-        squares, band = np.zeros((self.n, 5, 5)), self.array(3 * self.coefficients, BANDS)
+        source_blocks, band = np.zeros((self.n, 5, 5)), self.array(3 * self.coefficients, BANDS)
         transits = self._kernel_arguments()
         # In turn, not side by side: these are the largest arrays of all.
         for (start, stop), (first_knot, last_knot) in zip(self.bounds, self.knots, strict=True):
             segment = np.zeros((3 * (last_knot - first_knot + 3), BANDS))
-            self._kernels.blocks(start, stop, first_knot, squares, segment, transits)
+            self._kernels.blocks(start, stop, first_knot, source_blocks, segment, transits)
             band[3 * first_knot : 3 * (last_knot + 3)] += segment
         upper = np.triu_indices(5, 1)
-        squares[:, upper[0], upper[1]] = squares[:, upper[1], upper[0]]
-        return squares[self.rank], band.T
+        source_blocks[:, upper[0], upper[1]] = source_blocks[:, upper[1], upper[0]]
+        return source_blocks[self.rank], band.T
 
 
 #: Transits that a design matrix is made for; each takes 400 bytes.
@@ -140,22 +140,22 @@ class SparsePasses:
         sa, ca, sd, cd = table[source, :4].T
         q = np.stack([-sd * ca, -sd * sa, cd])
         p = np.stack([-sa, ca, np.zeros(k)])
-        m, normal = p * sin + q * cos, -p * cos + q * sin
+        m, perpendicular = p * sin + q * cos, -p * cos + q * sin
         rows, columns = np.arange(k), 5 * source[:, None] + np.arange(5)
-        of_source = [
+        source_blocks = [
             np.stack([s, c, factor, t * s, t * c], axis=1) for s, c, factor in ((sin, cos, fal), (-cos, sin, fac))
         ]
         b, attitude_columns = spline_weights(frac), 3 * (knot[:, None, None] + np.arange(4)[:, None]) + np.arange(3)
-        of_attitude = [np.einsum("jk,ak->kja", b, axis) for axis in (-normal, m)]
+        attitude_blocks = [np.einsum("jk,ak->kja", b, axis) for axis in (-perpendicular, m)]
 
-        def matrix(blocks, block_columns, width):
-            data = np.concatenate([block.reshape(k, -1) for block in blocks])
-            at = np.tile(block_columns.reshape(k, -1), (2, 1))
-            row_indices = np.repeat(np.r_[rows, k + rows], at.shape[1])
-            return sparse.csr_array((data.ravel(), (row_indices, at.ravel())), shape=(2 * k, width))
+        def make_matrix(blocks, block_columns, width):
+            entries = np.concatenate([block.reshape(k, -1) for block in blocks])
+            column_indices = np.tile(block_columns.reshape(k, -1), (2, 1))
+            row_indices = np.repeat(np.r_[rows, k + rows], column_indices.shape[1])
+            return sparse.csr_array((entries.ravel(), (row_indices, column_indices.ravel())), shape=(2 * k, width))
 
-        self.sources = matrix(of_source, columns, 5 * n)
-        self.attitude = matrix(of_attitude, attitude_columns, 3 * self.coefficients)
+        self.sources = make_matrix(source_blocks, columns, 5 * n)
+        self.attitude = make_matrix(attitude_blocks, attitude_columns, 3 * self.coefficients)
         self.weights = np.concatenate([table[source, 4], table[source, 5]])
 
     def to_attitude(self, x: FloatArray) -> FloatArray:
@@ -176,7 +176,7 @@ class SparsePasses:
     def adjoint(
         self, along: FloatArray, across: FloatArray, x: FloatArray | None = None, h: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Its weighted transpose, of observations less what parameters make of them."""
+        """Apply the weighted transpose of `predict` to observations less what parameters make of them."""
         if x is not None and h is not None:
             prediction = self.predict(x, h)
             along, across = along - prediction[0], across - prediction[1]
@@ -186,15 +186,15 @@ class SparsePasses:
     def blocks(self) -> tuple[FloatArray, FloatArray]:
         """Blocks of the sources, (n, 5, 5), and the lower band of the attitude's matrix."""
         weighted_design = self.sources.multiply(self.weights[:, None]).tocsr()
-        square = (self.sources.T @ weighted_design).tocoo()
+        source_normal = (self.sources.T @ weighted_design).tocoo()
         blocks = np.zeros((self.sources.shape[1] // 5, 5, 5))
-        row, column = square.coords
-        blocks[row // 5, row % 5, column % 5] = square.data
-        normal = (self.attitude.T @ self.attitude.multiply(self.weights[:, None])).tocsr()
-        band = np.zeros((BANDS, normal.shape[0]))
+        row, column = source_normal.coords
+        blocks[row // 5, row % 5, column % 5] = source_normal.data
+        attitude_normal = (self.attitude.T @ self.attitude.multiply(self.weights[:, None])).tocsr()
+        band = np.zeros((BANDS, attitude_normal.shape[0]))
         for distance in range(BANDS):
-            below = normal.diagonal(-distance)
-            band[distance, : len(below)] = below
+            diagonal = attitude_normal.diagonal(-distance)
+            band[distance, : len(diagonal)] = diagonal
         return blocks, band
 
 

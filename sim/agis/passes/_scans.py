@@ -32,14 +32,14 @@ PARTS = 8
 #: coefficient's row of the band and of its vectors.
 _SORTING, _TRANSIT, _SOURCE, _COLUMN, _BAND, _COEFFICIENT = 64, 48, 720, 40 * 12, 3 * 12 * 8, 3 * 6 * 8
 #: Bytes of a source in the fit by which iterations stop, degree 3.
-_LOW = 480
+_LOW_DEGREE_FIT = 480
 #: And of the libraries. [bytes]
 _BASE = 3e8
 #: CPU seconds (of a 2 GHz server core): of a million transits to follow, and for an iteration; of a million
 #: coefficients to solve for.
 _FOLLOW, _ITERATE, _SOLVE = 4.0, 0.085, 0.3
 #: Sources whose transits are counted for the estimate.
-_SAMPLE = 300
+_SAMPLE_SIZE = 300
 
 
 @dataclass(frozen=True)
@@ -102,19 +102,19 @@ def plan(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike, knots: float =
     if not len(lon):
         raise ParameterError("a plan needs a source at least")
     arguments.choice("ccds", ccds, (1, 9))
-    n, k = np.size(lon), expected_transits(law, lon, lat) * ccds
+    n, n_transits = np.size(lon), estimate_transits(law, lon, lat) * ccds
     coefficients = law.years * JULIAN_YEAR / knots + 3
-    memory = _BASE + max(_SORTING * k, system_memory(n, coefficients) + _TRANSIT * k)
-    setup = (_FOLLOW / ccds + 5 * _ITERATE) * k / 1e6 + _SOLVE * coefficients / 1e6
-    disk = _TRANSIT * k + _BAND * coefficients + _LOW * n
-    iteration = _ITERATE * k / 1e6 + _SOLVE * coefficients / 1e6
-    return Plan(k, coefficients, max(memory, disk + _BASE), disk, setup, iteration)
+    memory = _BASE + max(_SORTING * n_transits, system_memory(n, coefficients) + _TRANSIT * n_transits)
+    setup_seconds = (_FOLLOW / ccds + 5 * _ITERATE) * n_transits / 1e6 + _SOLVE * coefficients / 1e6
+    disk = _TRANSIT * n_transits + _BAND * coefficients + _LOW_DEGREE_FIT * n
+    iteration_seconds = _ITERATE * n_transits / 1e6 + _SOLVE * coefficients / 1e6
+    return Plan(n_transits, coefficients, max(memory, disk + _BASE), disk, setup_seconds, iteration_seconds)
 
 
-def expected_transits(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike) -> float:
+def estimate_transits(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike) -> float:
     """About how many transits some sources will have: those of a sample, which the law remembers, times all."""
     lon, lat = np.asarray(lon), np.asarray(lat)
-    sample = np.linspace(0, len(lon) - 1, min(_SAMPLE, len(lon))).astype(int)
+    sample = np.linspace(0, len(lon) - 1, min(_SAMPLE_SIZE, len(lon))).astype(int)
     key = ("transits", lon[sample].tobytes(), lat[sample].tobytes())
     if key not in law.remembered:
         law.remembered[key] = len(law.transits(lon[sample], lat[sample]))
@@ -123,20 +123,20 @@ def expected_transits(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike) -
 
 def system_memory(n_sources: int, coefficients: float, mapped: bool = False) -> float:
     """Bytes of the normal equations, without the transits and, mapped, without what is on disk then."""
-    disk = n_sources * _LOW + coefficients * _BAND
+    disk = n_sources * _LOW_DEGREE_FIT + coefficients * _BAND
     vectors = n_sources * (_SOURCE + _COLUMN) + coefficients * _COEFFICIENT
     return vectors if mapped else vectors + disk
 
 
-def check_memory(needed: float, what: str, remedy: str) -> None:
-    """Raise ParameterError if there is not as much memory."""
-    memory = free_memory()
-    if needed > memory:
-        raise ParameterError(f"{what} would need {needed / GIB:.1f} GiB, and {memory / GIB:.1f} GiB are free: {remedy}")
+def check_memory(needed: float, task: str, remedy: str) -> None:
+    """Raise ParameterError if fewer bytes than the `needed` are free for a task."""
+    free = free_memory()
+    if needed > free:
+        raise ParameterError(f"{task} would need {needed / GIB:.1f} GiB, and {free / GIB:.1f} GiB are free: {remedy}")
 
 
 #: Half of the height that a field may have. [rad]
-_WIDEST = 0.5
+_MAX_HALF_HEIGHT = 0.5
 #: Quasars of the paper, at whose number nothing is scaled.
 FULL = 500_000
 
@@ -152,11 +152,11 @@ def scaled(
     share = arguments.whole("n", n) / arguments.whole("full", full)
     law = NominalScanningLaw() if law is None else arguments.a(NominalScanningLaw)("law", law)
     root = share**0.5
-    if law.half_height / root > _WIDEST:
-        least = int(np.ceil(full * (law.half_height / _WIDEST) ** 2))
+    if law.half_height / root > _MAX_HALF_HEIGHT:
+        min_sources = int(np.ceil(full * (law.half_height / _MAX_HALF_HEIGHT) ** 2))
         raise ParameterError(
             f"{n} sources are too few to stand for {full}: a field would be "
-            f"{np.degrees(2 * law.half_height / root):.0f}° high. Take {least} or more, or scale nothing"
+            f"{np.degrees(2 * law.half_height / root):.0f}° high. Take {min_sources} or more, or scale nothing"
         )
     # Gaps that were drawn are kept as they are.
     gap_options = {"dead_time": 0.0, "rng": None, "gaps": tuple(map(tuple, law.lost))}
@@ -167,15 +167,15 @@ def scaled(
 #: The nine CCDs of a row are passed so many seconds apart.
 CCDS, CCD_STEP = 9, 4.85
 #: Sources followed together, and transits sorted together.
-_SOURCES, _SORTED = 20_000, 4_000_000
+_BLOCK_SOURCES, _BLOCK_SORTED = 20_000, 4_000_000
 #: Transits that a pass looks at together where something is made of each.
-TOGETHER = 2**20
+BLOCK_TRANSITS = 2**20
 _RECORD = np.dtype(
     [("time", "f8"), ("source", "i4"), ("sin", "f4"), ("cos", "f4"), ("along_factor", "f4"), ("across_factor", "f4")]
 )
-_NAMES = tuple(_RECORD.names or ())
+_RECORD_NAMES = tuple(_RECORD.names or ())
 #: The names of the file that tells which scans a folder holds, and of the folder of those that are being made.
-_KEY = re.compile(r"[0-9a-f]{16}\.(json|parts)")
+_KEY_PATTERN = re.compile(r"[0-9a-f]{16}\.(json|parts)")
 _COLUMNS = ("source", "place", "knot", "frac", "sin", "cos", "along_factor", "across_factor")
 
 
@@ -239,7 +239,7 @@ class Scans(Frozen):
 
     def blocks(self) -> Iterator[slice]:
         """Transits so many at a time that no copy of theirs is large."""
-        return (slice(start, min(start + TOGETHER, len(self))) for start in range(0, len(self), TOGETHER))
+        return (slice(start, min(start + BLOCK_TRANSITS, len(self))) for start in range(0, len(self), BLOCK_TRANSITS))
 
     def array(self, *shape: int) -> FloatArray:
         """Zeros of this shape, beside the transits: in memory, or on disk where they are."""
@@ -303,8 +303,8 @@ def scans(
     across = np.inf if sigma_across is None else sigma_across
     across = arguments.float_array("sigma_across", across, shape, finite=False, broadcast=True)
     if not ((along > 0).all() and (across > 0).all()):
-        bad = int(np.sum(~(along > 0)) + np.sum(~(across > 0)))
-        raise ParameterError(f"{bad} errors of transits are zero or negative")
+        n_bad = int(np.sum(~(along > 0)) + np.sum(~(across > 0)))
+        raise ParameterError(f"{n_bad} errors of transits are zero or negative")
     arguments.choice("ccds", ccds, (1, CCDS))
     spacing = knots / JULIAN_YEAR
     if spacing >= law.years:
@@ -322,10 +322,10 @@ def scans(
         "frame": law.frame,
         "law": law,
     }
-    key = _key(law, attributes, ccds)
+    key = _digest_inputs(law, attributes, ccds)
     if folder is None:
         check_memory(
-            2 * _RECORD.itemsize * expected_transits(law, lon, lat) * ccds, "transits", "give a folder= for them"
+            2 * _RECORD.itemsize * estimate_transits(law, lon, lat) * ccds, "transits", "give a folder= for them"
         )
         return Scans(
             **attributes, **_sort_transits(_follow_law(law, lon, lat, ccds, threads, progress, None), attributes, None)
@@ -348,7 +348,7 @@ def _check_folder(folder):
     if folder.exists() and not folder.is_dir():
         raise ParameterError(f"{folder} is a file, not a folder for scans")
     names = [entry.name for entry in folder.iterdir()] if folder.exists() else []
-    other_files = [name for name in names if name not in file_names and not _KEY.fullmatch(name)]
+    other_files = [name for name in names if name not in file_names and not _KEY_PATTERN.fullmatch(name)]
     if other_files:
         raise ParameterError(f"{folder} holds other files ({other_files[0]}, …): name a new folder for scans")
     return folder
@@ -356,12 +356,12 @@ def _check_folder(folder):
 
 def _follow_law(law, lon, lat, ccds, threads, progress, folder):
     """Transits of blocks of sources, each block in the order of time: arrays, or the files that hold them."""
-    turn = rotation_matrix("ecliptic", law.frame)
+    rotation = rotation_matrix("ecliptic", law.frame)
     # Not over the edges of the mission: the end is an edge of the last interval.
     end = np.nextafter(law.years, 0)
     with progress_bar(total=len(lon), words="transits", shown=progress, unit=" sources") as bar:
-        for start in range(0, len(lon), _SOURCES):
-            block = slice(start, min(start + _SOURCES, len(lon)))
+        for start in range(0, len(lon), _BLOCK_SOURCES):
+            block = slice(start, min(start + _BLOCK_SOURCES, len(lon)))
             part_path = None if folder is None else folder / f"part-{start}-{block.stop}.npy"
             if part_path is not None and part_path.exists():
                 bar.update(block.stop - start)
@@ -370,15 +370,15 @@ def _follow_law(law, lon, lat, ccds, threads, progress, folder):
             transits = law.transits(lon[block], lat[block], threads=threads)
             p, q, _ = triad(lon[block], lat[block])
             records = np.empty((len(transits), ccds), _RECORD)
-            steps = (np.arange(ccds) - (ccds - 1) / 2) * CCD_STEP / JULIAN_YEAR
-            records["time"] = np.clip(transits.time[:, None] + steps, 0, end)
+            ccd_delays = (np.arange(ccds) - (ccds - 1) / 2) * CCD_STEP / JULIAN_YEAR
+            records["time"] = np.clip(transits.time[:, None] + ccd_delays, 0, end)
             sin, cos = np.sin(transits.angle), np.cos(transits.angle)
             sun, distance = law.sun(transits.time)
-            sun = turn @ sun
+            sun = rotation @ sun
             east, north = (np.einsum("ij,ij->j", v[:, transits.source], sun) for v in (p, q))
             # As of the parallax along the scan: the Sun seen from 1 % beyond the Earth.
             factors = transits.parallax_factor, 1.01 * distance * (sin * north - cos * east)
-            for name, column in zip(_NAMES[1:], (transits.source + start, sin, cos, *factors), strict=True):
+            for name, column in zip(_RECORD_NAMES[1:], (transits.source + start, sin, cos, *factors), strict=True):
                 records[name] = column[:, None]
             records = records.ravel()
             records = records[np.argsort(records["time"], kind="stable")]
@@ -394,18 +394,18 @@ def _follow_law(law, lon, lat, ccds, threads, progress, folder):
 def _sort_transits(chunks, attributes, folder):
     """All parts in one order of time: columns, in memory or as files of a folder."""
     chunks = list(chunks)
-    total = sum(map(len, chunks))
+    n_transits = sum(map(len, chunks))
     dtypes = {name: np.dtype("i4" if name in ("source", "place", "knot") else "f4") for name in _COLUMNS}
     rank = np.argsort(_sky_order(attributes["lon"], attributes["lat"]))
     columns = {
         name: (
-            np.empty(total, dtype)
+            np.empty(n_transits, dtype)
             if folder is None
-            else np.lib.format.open_memmap(folder / f"{name}.npy", "w+", dtype, (total,))
+            else np.lib.format.open_memmap(folder / f"{name}.npy", "w+", dtype, (n_transits,))
         )
         for name, dtype in dtypes.items()
     }
-    edges = np.linspace(0, attributes["years"], total // _SORTED + 2)
+    edges = np.linspace(0, attributes["years"], n_transits // _BLOCK_SORTED + 2)
     edges[-1] = np.inf
     # Once for all edges: each search makes a copy of a part's times.
     bounds = [np.searchsorted(chunk["time"], edges) for chunk in chunks]
@@ -417,7 +417,7 @@ def _sort_transits(chunks, attributes, folder):
         knot_time = records["time"] / attributes["spacing"]
         columns["knot"][rows] = np.minimum(knot_time.astype("i4"), attributes["intervals"] - 1)
         columns["frac"][rows] = knot_time - columns["knot"][rows]
-        for name in _NAMES[1:]:
+        for name in _RECORD_NAMES[1:]:
             columns[name][rows] = records[name]
         columns["place"][rows] = rank[records["source"]]
         offset += len(records)
@@ -433,7 +433,7 @@ def _sky_order(lon, lat):
     return np.lexsort((lon, band))
 
 
-def _key(law, attributes, ccds):
+def _digest_inputs(law, attributes, ccds):
     """A hash of all that determines the transits, and of what is kept of each."""
     arguments = {entry.name: getattr(law, entry.name) for entry in fields(law) if entry.init and entry.name != "rng"}
     arrays = law.lost, attributes["lon"], attributes["lat"], attributes["weights"]

@@ -54,8 +54,8 @@ def test_nine_ccds_weigh_as_much_as_a_transit():
 
 def test_threads_and_blocks_change_nothing(monkeypatch):
     whole = make(threads=1)
-    monkeypatch.setattr("sim.agis.passes._scans._SOURCES", 70)
-    monkeypatch.setattr("sim.agis.passes._scans._SORTED", 1000)
+    monkeypatch.setattr("sim.agis.passes._scans._BLOCK_SOURCES", 70)
+    monkeypatch.setattr("sim.agis.passes._scans._BLOCK_SORTED", 1000)
     for name in ("source", "knot", "frac", "sin", "along_factor", "across_factor"):
         np.testing.assert_array_equal(getattr(make(threads=2), name), getattr(whole, name))
 
@@ -80,7 +80,7 @@ def test_mapped_scans_are_those_in_memory(tmp_path):
 
 
 def test_transits_of_a_killed_run_are_not_followed_again(tmp_path, monkeypatch):
-    monkeypatch.setattr("sim.agis.passes._scans._SOURCES", 40)
+    monkeypatch.setattr("sim.agis.passes._scans._BLOCK_SOURCES", 40)
     follow, followed = sim.NominalScanningLaw.transits, []
 
     def transits(law, lon, lat, **options):
@@ -110,9 +110,9 @@ def _mapped(array):
 
 def test_from_a_folder_to_the_byte(tmp_path, monkeypatch):
     """Transits, observations and the factor on disk change no bit, however many transits are looked at together."""
-    monkeypatch.setattr("sim.agis.passes._make.TOGETHER", 700)
-    monkeypatch.setattr("sim.agis.passes._scans.TOGETHER", 900)
-    monkeypatch.setattr("sim.agis._globals._TOGETHER", 77)
+    monkeypatch.setattr("sim.agis.passes._make.BLOCK_TRANSITS", 700)
+    monkeypatch.setattr("sim.agis.passes._scans.BLOCK_TRANSITS", 900)
+    monkeypatch.setattr("sim.agis._globals._BLOCK_SOURCES", 77)
     results = []
     for folder in (None, tmp_path / "scans"):
         system = System(make(folder=folder), compiled=True)

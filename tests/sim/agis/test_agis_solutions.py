@@ -225,6 +225,6 @@ def test_variability_adds_what_it_scatters(system):
     for seed in range(300):
         observed = agis.observations(system.scans, [1, seed], variability=variability)
         found = agis.in_own_frame(system, system.solve(*observed, stop=1e-3))
-        draws.append(fitted.of(found.sources[..., None])[:, 0])
+        draws.append(fitted.compute_coefficients(found.sources[..., None])[:, 0])
     np.testing.assert_allclose(np.mean(np.square(draws), 0), np.diag(exact), rtol=0.3)
     assert np.mean(np.mean(np.square(draws), 0) / np.diag(exact)) == pytest.approx(1, abs=0.1)

@@ -83,7 +83,7 @@ def test_rotation_in_time_is_attitude_and_a_glide_is_seen(coarse):
             "ik,kin->kn", coarse._parameter_partials(pixel, direction, time), x[5 * pixel[:, None] + np.arange(5)]
         )
         for r, direction in ((preceding, m), (following, other))
-        for pixel in [coarse._pixel(r)]
+        for pixel in [coarse._find_pixels(r)]
     ]
     np.testing.assert_allclose(left, (both[0] - both[1] + stars[0] + stars[1]) / 2, atol=1e-9)
     size = np.sqrt(np.mean(left**2, 0) / np.mean(known**2, 0)).reshape(2, -1)
