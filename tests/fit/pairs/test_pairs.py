@@ -145,7 +145,9 @@ def test_pairs_of_blocks_add_up_to_the_whole():
 def test_jackknife_sums_are_zero_for_all_sources(monkeypatch):
     """Of each estimate, what blocks and pairs of them have more than it expects adds up to nothing."""
     seen = []
-    monkeypatch.setattr("fit.pairs._correlation.find_covariance", lambda *arguments: seen.append(arguments) or np.eye(2))
+    monkeypatch.setattr(
+        "fit.pairs._correlation.find_covariance", lambda *arguments: seen.append(arguments) or np.eye(2)
+    )
     with contextlib.suppress(ValueError, ParameterError):
         pairs.correlation_function(noisy(400), WIDE, lmax=40)
     between = _compute_cross_terms(*seen[0])

@@ -81,7 +81,9 @@ def test_exact_errors_are_what_draws_scatter(options):
     """Within 5 %: 200 draws of three components are known to 3 %."""
     system, fit = make(1500, **options)
     found = [
-        fit.compute_coefficients(system.solve(*agis.observations(system.scans, [5, seed]), stop=0.02).sources[..., None])[3:, 0]
+        fit.compute_coefficients(
+            system.solve(*agis.observations(system.scans, [5, seed]), stop=0.02).sources[..., None]
+        )[3:, 0]
         for seed in range(200)
     ]
     exact = system.covariance_of(fit.functionals([3, 4, 5]), tolerance=1e-5)

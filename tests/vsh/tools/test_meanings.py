@@ -21,7 +21,9 @@ OF_USERS = ("H0", "seen", "of", "real", "imaginary", "n", "less", "gain", "norm"
             "matrix_", "sigma_omega_", "sigma_epsilon_")  # fmt: skip
 
 
-@pytest.mark.parametrize(("pattern", "column"), _read_column_rows(), ids=lambda each: each if isinstance(each, str) else "")
+@pytest.mark.parametrize(
+    ("pattern", "column"), _read_column_rows(), ids=lambda each: each if isinstance(each, str) else ""
+)
 def test_words_are_those_of_the_ivoa(pattern, column):
     assert parse_ucd(column.ucd, check_controlled_vocabulary=True), pattern
     assert column.meaning.endswith(".")

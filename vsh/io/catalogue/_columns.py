@@ -215,7 +215,9 @@ def size_warnings(field: Any, at_least: int = 20, *, is_assumed: bool = False) -
         return []
     # Where all are plausible their medians are, which take longer to see.
     (least, most), (lowest, highest) = span_of(sigma), span_of(motion)
-    plausible = is_within((least, most), *error_limits) and is_within((lowest, highest), -_LARGEST_MOTION, _LARGEST_MOTION)
+    plausible = is_within((least, most), *error_limits) and is_within(
+        (lowest, highest), -_LARGEST_MOTION, _LARGEST_MOTION
+    )
     notes = [] if plausible else _motion_warnings(np.median(sigma), np.median(np.abs(motion)), error_limits)
     if max(-lowest, highest) < _SMALL_SHARE * least:
         text = f"no motion is above {max(-lowest, highest):.3g} µas/yr, and no error below {least:.3g} µas/yr"
