@@ -80,10 +80,10 @@ class ResampledFit(AboutSolution):
     @property
     def resampled_solution(self) -> Solution:
         """The solution with this covariance in place of N⁻¹: its `spin` and `acceleration` carry these errors."""
-        text = f"the {self.method}, {len(self.replicates)} replicates"
-        source = ErrorSource.JACKKNIFE if self.method == "jackknife" else ErrorSource.BOOTSTRAP
+        errors_from = f"the {self.method}, {len(self.replicates)} replicates"
+        error_source = ErrorSource.JACKKNIFE if self.method == "jackknife" else ErrorSource.BOOTSTRAP
         dof = 1 / (1 / (len(self.replicates) - 1.0) + 1 / self.scatter_dof)
-        return with_errors(self.solution, self.covariance, text, source, covariance_dof=dof)
+        return with_errors(self.solution, self.covariance, errors_from, error_source, covariance_dof=dof)
 
     def interval(self, probability: float = 0.68) -> FloatArray:
         """Compute the lower and upper end of each coefficient's interval of `probability`, (2, p). [µas/yr]
@@ -155,7 +155,7 @@ def bootstrap(
 def _bootstrap_scores(sky, solution, n_replicates, rng, progress):
     total = sky.sum(_count_and_weight, roles=(), words="bootstrap", progress=progress)
     seed = int(rng.integers(2**63))
-    work = partial(_drawn_scores, solution=solution, total=total, n_replicates=n_replicates, seed=seed)
+    work = partial(_sum_drawn_scores, solution=solution, total=total, n_replicates=n_replicates, seed=seed)
     sums = sky.sum(work, roles=(), words="bootstrap", progress=progress)
     # The covariance of `solution` is N⁻¹ of the whole catalogue; the same matrix serves all draws.
     replicates = solution.values + sums["steps"] @ solution.covariance
@@ -167,13 +167,13 @@ def _count_and_weight(field):
     return len(field), float(field.weights[: field.components].sum())
 
 
-def _drawn_scores(
+def _sum_drawn_scores(
     field: Field, solution: Solution, total: tuple[int, float], n_replicates: int, seed: int
 ) -> dict[str, Any]:
     """Sum (k − 1) Aᵀ C⁻¹ Δ/(1 − leverage)^¾ over some sources, with k drawn for each, (replicates, p); and Σ h²."""
     share = leverage(field, solution.modes, solution.covariance, total=total)
 
-    def block(chunk):
+    def sum_drawn_block(chunk):
         sources = field[chunk]
         # The seed follows from the sources, so that draws do not depend on the number of threads, parts or workers.
         digest = blake2b(sources.lon.tobytes() + sources.lat.tobytes(), digest_size=16).digest()
@@ -181,13 +181,13 @@ def _drawn_scores(
         residuals = multiply_weights(sources.weights, solution.residuals(sources).data) / (1 - share[chunk]) ** _POWER
         scores = np.einsum("pkn,kn->pn", harmonics(sources.lon, sources.lat, solution.modes), residuals)
         # Single precision relative to the largest score: the error is a millionth of the scatter of the draws.
-        size = np.abs(scores).max(1, keepdims=True)
-        scores /= np.where(size > 0, size, 1.0)
-        times = _POISSON[rng.integers(0, 2**16, (n_replicates, len(sources)), dtype=np.uint16)]
-        return (times @ scores.T.astype(np.float32)).astype(float) * size.T
+        largest_scores = np.abs(scores).max(1, keepdims=True)
+        scores /= np.where(largest_scores > 0, largest_scores, 1.0)
+        excess_draws = _POISSON[rng.integers(0, 2**16, (n_replicates, len(sources)), dtype=np.uint16)]
+        return (excess_draws @ scores.T.astype(np.float32)).astype(float) * largest_scores.T
 
-    size = max(64, min(2**24 // n_replicates, 2**22 // len(solution.modes)))
-    steps = sum(map_blocks(block, len(field), size), np.zeros((n_replicates, len(solution.modes))))
+    block_size = max(64, min(2**24 // n_replicates, 2**22 // len(solution.modes)))
+    steps = sum(map_blocks(sum_drawn_block, len(field), block_size), np.zeros((n_replicates, len(solution.modes))))
     return {"steps": steps, "squares": float(share @ share)}
 
 
@@ -239,9 +239,9 @@ def block_bootstrap(
     solution = solve(total)
     replicates = np.empty((n_replicates, p))
     for replicate in progress_bar(replicates, words="block bootstrap", shown=progress):
-        times = rng.multinomial(len(normals), np.full(len(normals), 1 / len(normals))).astype(float)
+        counts = rng.multinomial(len(normals), np.full(len(normals), 1 / len(normals))).astype(float)
         equations = NormalEquations(
-            modes, (times @ matrices).reshape(p, p), times @ sides, 0.0, total.n_data, total.frame
+            modes, (counts @ matrices).reshape(p, p), counts @ sides, 0.0, total.n_data, total.frame
         )
         replicate[:] = solve(equations).coefficients.values
     covariance, dof = np.cov(replicates, rowvar=False), _block_dof([np.trace(normal.matrix) for normal in normals])
@@ -361,10 +361,10 @@ def compare_blocks(
 
     Returns
     -------
-    rows : list of BlockLength
+    rows : list of BlockErrors
         One row for each size that has at least twice as many blocks as coefficients, and for which the fit
         stays determined if any single block is left out.
-    best : BlockLength
+    best : BlockErrors
         The smallest block size beyond which the errors do not grow significantly.
     advice : str
         The result in words, with a reminder of the errors that no resampling can detect.
@@ -385,13 +385,13 @@ def compare_blocks(
             )
             continue
         try:
-            rows.append(_block_errors(jackknife(field, modes, nside, progress=progress), nside))
+            rows.append(_compute_block_errors(jackknife(field, modes, nside, progress=progress), nside))
         except DegeneracyError as error:
             failure = error
     if not rows:
         raise failure or DegeneracyError("nsides is empty: give at least one block size")
-    best = next(row for i, row in enumerate(rows) if all(not _grows(row, later) for later in rows[i + 1 :]))
-    return rows, best, _advice(rows, best)
+    best = next(row for i, row in enumerate(rows) if all(not _has_grown(row, later) for later in rows[i + 1 :]))
+    return rows, best, _format_advice(rows, best)
 
 
 def _pixels(field, nside):
@@ -399,31 +399,31 @@ def _pixels(field, nside):
     return dict.fromkeys(np.unique(pixels_of(field.lon, field.lat, nside)).tolist())
 
 
-def _block_errors(growth, nside):
+def _compute_block_errors(resampled, nside):
     # Without the factor of few replicates, which grows with the blocks by itself.
-    if growth.solution.modes.components == 1:  # the mean, and the dipole where there is one
-        low = growth.solution.modes.degrees <= 1
-        formal, variances = growth.solution.sigma[low], np.diag(growth.covariance)[low]
+    if resampled.solution.modes.components == 1:  # the mean, and the dipole where there is one
+        is_low = resampled.solution.modes.degrees <= 1
+        formal, variances = resampled.solution.sigma[is_low], np.diag(resampled.covariance)[is_low]
     else:
-        formal = np.concatenate([vector.sigma for vector in vectors_of(growth.solution).values()])
-        variances = np.concatenate([np.diag(vector.covariance) for vector in vectors_of(growth.quoted).values()])
+        formal = np.concatenate([vector.sigma for vector in vectors_of(resampled.solution).values()])
+        variances = np.concatenate([np.diag(vector.covariance) for vector in vectors_of(resampled.quoted).values()])
     errors = np.sqrt(variances)
-    blocks = len(growth.replicates)
+    blocks = len(resampled.replicates)
     ratio = float(np.sqrt(np.mean((errors / formal) ** 2)))
     # The ratio rests on six variances, each with B − 1 degrees of freedom.
-    return BlockErrors(nside, 58.6 / nside, blocks, ratio, ratio / np.sqrt(2 * 6 * (blocks - 1)), growth)
+    return BlockErrors(nside, 58.6 / nside, blocks, ratio, ratio / np.sqrt(2 * 6 * (blocks - 1)), resampled)
 
 
-def _grows(row, later):
+def _has_grown(row, later):
     return later.ratio - row.ratio > 3 * np.hypot(row.ratio_error, later.ratio_error)
 
 
-def _advice(rows, best):
-    table = "; ".join(
+def _format_advice(rows, best):
+    ratios = "; ".join(
         f"nside {r.nside} ({r.degrees:.0f}°, {r.blocks} blocks): {format_with_error(r.ratio, r.ratio_error)}"
         for r in rows
     )
-    note = f"ratio of jackknife errors to formal errors: {table}; chosen: nside {best.nside}"
+    note = f"ratio of jackknife errors to formal errors: {ratios}; chosen: nside {best.nside}"
     if best is rows[-1] and len(rows) > 1:
         note += ", the largest blocks: errors still grow with block size, and may be underestimated"
     return note + ". No resampling can detect errors common to the whole sky (a glide or a rotation of the frame)"

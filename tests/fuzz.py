@@ -70,8 +70,8 @@ def make_files(folder):
     files["read_map"] = folder / "map.fits", maps.read_map
     marks = {"data": "x"}
     chain = np.random.default_rng(1).normal(size=(20, 8, 4))
-    _checkpoint.save(folder / "chain.npz", marks, chain, chain[..., 0], np.random.RandomState(1).get_state())
-    files["checkpoint"] = folder / "chain.npz", partial(_checkpoint.load, fingerprint=marks)
+    _checkpoint.save_chain(folder / "chain.npz", marks, chain, chain[..., 0], np.random.RandomState(1).get_state())
+    files["checkpoint"] = folder / "chain.npz", partial(_checkpoint.load_chain, fingerprint=marks)
     files |= _further(folder, field)
     return files
 

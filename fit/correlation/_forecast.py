@@ -8,7 +8,7 @@ import numpy as np
 from fit.correlation._matrices import FRAME_NAMES, field_from_positions, largest_correlation, select_parameters
 from fit.normal import gaussian_prior, normal_equations, solve
 from fit.results.solution import Solution
-from fit.results.storage import number, to_hex
+from fit.results.storage import from_hex, to_hex
 from vsh.coefficients import FIRST_DEGREE, Coefficients
 from vsh.io.parts import as_parts
 from vsh.models.covariance import Spectrum
@@ -48,9 +48,9 @@ class Prediction(Solution):
 
     @classmethod
     def _unpack(cls, columns, metadata):
-        normal_matrix = np.array([[number(x) for x in row] for row in metadata["alone"]])
-        attributes: Any = {"_weight": number(metadata["weight"]), "_alone": covariance("alone", normal_matrix, 6)}
-        return cls(**cls._plain(columns, metadata), **attributes)
+        normal_matrix = np.array([[from_hex(x) for x in row] for row in metadata["alone"]])
+        attributes: Any = {"_weight": from_hex(metadata["weight"]), "_alone": covariance("alone", normal_matrix, 6)}
+        return cls(**cls._decode_attributes(columns, metadata), **attributes)
 
     # What `predict` found on the way: total weight Σ tr W, and N of spin and acceleration alone.
     _weight: float = 0.0

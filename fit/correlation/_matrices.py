@@ -9,8 +9,8 @@ import numpy as np
 
 from fit.direct import solve_frame
 from fit.normal import normal_equations, solve
-from fit.results.solution import at_sources
-from fit.results.storage import Result, checked_strings, number, to_hex
+from fit.results.solution import predict_motions
+from fit.results.storage import Result, checked_strings, from_hex, to_hex
 from vsh import Coefficients
 from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field
@@ -197,7 +197,7 @@ class CorrelationMatrices(Result):
     @classmethod
     def _unpack(cls, columns, metadata):
         labels, names = checked_strings(metadata["labels"]), tuple(columns["parameter"].tolist())
-        dipoles = [float_array("dipole", [number(x) for x in dipole], (3,)) for dipole in metadata["dipoles"]]
+        dipoles = [float_array("dipole", [from_hex(x) for x in dipole], (3,)) for dipole in metadata["dipoles"]]
         matrices = [covariance(f"matrix_{i}", columns[f"matrix_{i}"], len(names)) for i in range(len(labels))]
         has_large = any((np.abs(matrix) > 1 + 1e-9).any() for matrix in matrices)
         if len(dipoles) != len(labels) or has_large or len(set(names)) < len(names):
@@ -349,7 +349,7 @@ def influence_map(
 def _source_derivatives(field, modes, parameters, quantity):
     """Compute the derivative with respect to ln of the weight of each source, (n,)."""
     covariance, row_i, row_j, selection = _prepare_influence(field, modes, parameters)
-    g = at_sources(Coefficients(selection.modes, covariance @ row_i), field)
+    g = predict_motions(Coefficients(selection.modes, covariance @ row_i), field)
     if quantity == "value":
         if len(selection) != 1:
             raise ParameterError('quantity="value" maps the value of one parameter: give one name')
@@ -357,7 +357,7 @@ def _source_derivatives(field, modes, parameters, quantity):
         return field.inner(g, residual)
     if quantity is not None:
         raise ParameterError(f'quantity is None or "value", not {quantity!r}')
-    h = None if row_j is None else at_sources(Coefficients(selection.modes, covariance @ row_j), field)
+    h = None if row_j is None else predict_motions(Coefficients(selection.modes, covariance @ row_j), field)
     return _weight_derivative(covariance, row_i, row_j, g, h, field)
 
 

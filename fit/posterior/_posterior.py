@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 
 from fit.posterior._model import ParallaxModel
 from fit.posterior._priors import HUBBLE_LIMITS, UNITS, ModelPriors
-from fit.posterior._sampling import ENOUGH, Flat, Normal, autocorrelation, inference_data, split_r_hat
+from fit.posterior._sampling import ENOUGH, Flat, Normal, autocorrelation_times, make_inference_data, split_r_hat
 from fit.posterior._summary import SampleResult, Samples, sections_of
 from vsh.io import tables
 from vsh.io.sections import Section
@@ -25,8 +25,8 @@ from vsh.tools.errors import ConvergenceError, ParameterError
 from vsh.tools.types import AxesArray, FloatArray, OnAxes, PathName
 
 #: How many numbers cells are made of at most; cells along each for one and for two, to see where it is and in the end.
-MOST = 2
-_COUNTS = {1: (400, 4000), 2: (100, 200)}
+MOST_NUMBERS = 2
+_CELL_COUNTS = {1: (400, 4000), 2: (100, 200)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,27 +55,27 @@ class Cells:
     def of(cls, model: ParallaxModel, count: int | None = None) -> Cells:
         """Cells of a model: `count` of equal size along each number, or closer where the density is high."""
         limits = [model.priors.limits(name) for name in model.priors.free]
-        few, fine_count = _COUNTS[len(limits)]
-        edges = [np.linspace(*pair, (count or few) + 1) for pair in limits]
+        coarse_count, fine_count = _CELL_COUNTS[len(limits)]
+        edges = [np.linspace(*pair, (count or coarse_count) + 1) for pair in limits]
         for _ in range(2):  # what the one before left over
             coarse = cls._evaluate_on_grid(model, edges)
-            limits = [_support(edge, share) for edge, share in zip(edges, coarse.shares, strict=True)]
-            edges = [np.linspace(*pair, (count or few) + 1) for pair in limits]
+            limits = [_find_support(edge, share) for edge, share in zip(edges, coarse.shares, strict=True)]
+            edges = [np.linspace(*pair, (count or coarse_count) + 1) for pair in limits]
         cells = cls._evaluate_on_grid(model, edges)
         if count is not None:
             return cells
         return cls._evaluate_on_grid(
-            model, [_refine_edges(edge, p, fine_count) for edge, p in zip(edges, cells.shares, strict=True)]
+            model, [_refine_edges(edge, share, fine_count) for edge, share in zip(edges, cells.shares, strict=True)]
         )
 
     @classmethod
     def _evaluate_on_grid(cls, model, edges):
         middles = [(edge[1:] + edge[:-1]) / 2 for edge in edges]
         points = np.stack([grid.ravel() for grid in np.meshgrid(*middles, indexing="ij")], axis=1)
-        log, mean, covariance = model.marginalise_velocity(points)
+        log_density, mean, covariance = model.marginalise_velocity(points)
         volume = reduce(np.multiply.outer, [np.diff(edge) for edge in edges])
-        p = np.exp(log - log.max()).reshape(volume.shape) * volume
-        return cls(model, tuple(edges), p / p.sum(), mean, covariance)
+        probability = np.exp(log_density - log_density.max()).reshape(volume.shape) * volume
+        return cls(model, tuple(edges), probability / probability.sum(), mean, covariance)
 
     @property
     def shares(self) -> list[FloatArray]:
@@ -91,29 +91,29 @@ class Cells:
     @property
     def hubble(self) -> tuple[float, float]:
         """Mean and standard deviation of H0. [km/s/Mpc]"""
-        share, x = self.shares[0], self.axes[0]
-        mean = float(share @ x)
-        return mean, float(np.sqrt(share @ (x - mean) ** 2))
+        share, hubble = self.shares[0], self.axes[0]
+        mean = float(share @ hubble)
+        return mean, float(np.sqrt(share @ (hubble - mean) ** 2))
 
     def draw(self, rng: np.random.Generator | np.random.RandomState, n: int) -> tuple[FloatArray, FloatArray]:
         """Coordinates of the model, (n, d), and the log-density they were drawn with, up to a constant."""
-        share = np.cumsum(self.probability.ravel())
-        cell = np.searchsorted(share, rng.uniform(size=n) * share[-1], side="right")
-        indices = np.unravel_index(np.minimum(cell, share.size - 1), self.probability.shape)
-        lower = np.stack([edge[i] for edge, i in zip(self.edges, indices, strict=True)], axis=1)
-        upper = np.stack([edge[i + 1] for edge, i in zip(self.edges, indices, strict=True)], axis=1)
+        cumulative = np.cumsum(self.probability.ravel())
+        flat_index = np.searchsorted(cumulative, rng.uniform(size=n) * cumulative[-1], side="right")
+        cell_indices = np.unravel_index(np.minimum(flat_index, cumulative.size - 1), self.probability.shape)
+        lower = np.stack([edge[i] for edge, i in zip(self.edges, cell_indices, strict=True)], axis=1)
+        upper = np.stack([edge[i + 1] for edge, i in zip(self.edges, cell_indices, strict=True)], axis=1)
         numbers = lower + (upper - lower) * rng.uniform(size=lower.shape)
-        velocity, log_first = self.model.draw_velocity(rng, numbers)
-        return np.column_stack([velocity, numbers]), self._log(indices) + log_first
+        velocity, log_velocity = self.model.draw_velocity(rng, numbers)
+        return np.column_stack([velocity, numbers]), self._log_cell_density(cell_indices) + log_velocity
 
     def log_density(self, theta: FloatArray) -> FloatArray:
         """The log-density with which `draw` gives coordinates (n, d), up to the same constant."""
-        indices, inside = [], np.ones(len(theta), bool)
-        for edge, x in zip(self.edges, theta[:, 3:].T, strict=True):
-            i = np.searchsorted(edge, x, side="right") - 1
-            inside &= (i >= 0) & (i < edge.size - 1)
-            indices.append(np.clip(i, 0, edge.size - 2))
-        log = np.where(inside, self._log(tuple(indices)), -np.inf)
+        cell_indices, is_inside = [], np.ones(len(theta), bool)
+        for edge, column in zip(self.edges, theta[:, 3:].T, strict=True):
+            cells = np.searchsorted(edge, column, side="right") - 1
+            is_inside &= (cells >= 0) & (cells < edge.size - 1)
+            cell_indices.append(np.clip(cells, 0, edge.size - 2))
+        log = np.where(is_inside, self._log_cell_density(tuple(cell_indices)), -np.inf)
         return log + self.model.log_density_of_velocity(theta)
 
     def propose(self, coordinates: FloatArray, rng: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
@@ -128,35 +128,35 @@ class Cells:
         varies within a cell is allowed for.
         """
         batches: list[tuple[FloatArray, FloatArray]] = []
-        have, log_bound = 0, -np.inf
-        while have < n:
-            theta, log_drawn = self.draw(rng, n - have + n // 16 + 100)
-            log = self.model.log_probability(theta)
+        n_kept, log_bound = 0, -np.inf
+        while n_kept < n:
+            theta, log_drawn = self.draw(rng, n - n_kept + n // 16 + 100)
+            log_probability = self.model.log_probability(theta)
             if not batches:
-                log_bound = float(np.max(log - log_drawn))
-            keep = np.log(rng.uniform(size=len(theta))) < log - log_drawn - log_bound
-            batches.append((theta[keep], log[keep]))
-            have += int(keep.sum())
-        theta, log = (np.concatenate(arrays)[:n] for arrays in zip(*batches, strict=True))
-        return theta, log
+                log_bound = float(np.max(log_probability - log_drawn))
+            is_kept = np.log(rng.uniform(size=len(theta))) < log_probability - log_drawn - log_bound
+            batches.append((theta[is_kept], log_probability[is_kept]))
+            n_kept += int(is_kept.sum())
+        theta, log_probability = (np.concatenate(arrays)[:n] for arrays in zip(*batches, strict=True))
+        return theta, log_probability
 
-    def _log(self, indices):
+    def _log_cell_density(self, cell_indices):
         """The log-density within some cells."""
-        log_size = sum(np.log(np.diff(edge))[i] for edge, i in zip(self.edges, indices, strict=True))
+        log_volume = sum(np.log(np.diff(edge))[i] for edge, i in zip(self.edges, cell_indices, strict=True))
         with np.errstate(divide="ignore"):
-            return np.log(self.probability[indices]) - log_size
+            return np.log(self.probability[cell_indices]) - log_volume
 
 
 def check_grid_possible(priors: ModelPriors) -> None:
     """Raise ParameterError where a posterior is not known in cells."""
     names = tuple(priors.free)
-    if len(names) > MOST:
+    if len(names) > MOST_NUMBERS:
         raise ParameterError(f"a grid of {', '.join(names)} is too large: fix all but two, or sample with emcee")
     if not priors.velocity.gaussian:
         raise ParameterError("on a grid the prior on the velocity must be Gaussian or flat: sample with emcee")
 
 
-def cells_of(model: Any) -> Cells | None:
+def make_cells_if_possible(model: Any) -> Cells | None:
     """The cells of a model; None where it has none."""
     try:
         check_grid_possible(model.priors)
@@ -165,20 +165,20 @@ def cells_of(model: Any) -> Cells | None:
     return Cells.of(model)
 
 
-def _support(edge, share):
+def _find_support(edges, shares):
     """Limits beyond which there is less than 1e-9 of the probability."""
-    inside = np.flatnonzero(share > 1e-9 * share.max())
-    return edge[inside[0]], edge[inside[-1] + 1]
+    populated = np.flatnonzero(shares > 1e-9 * shares.max())
+    return edges[populated[0]], edges[populated[-1] + 1]
 
 
-def _refine_edges(edge, share, number):
+def _refine_edges(edges, share, count):
     """Edges of cells of which half share the probability evenly, and half the range."""
-    uniform_cdf = np.linspace(0, 1, edge.size)
-    return np.interp(np.linspace(0, 1, number + 1), (np.concatenate([[0.0], np.cumsum(share)]) + uniform_cdf) / 2, edge)
+    uniform = np.linspace(0, 1, edges.size)
+    return np.interp(np.linspace(0, 1, count + 1), (np.concatenate([[0.0], np.cumsum(share)]) + uniform) / 2, edges)
 
 
 #: Levels of the columns: median, 68 %, and one-sided limits of 95 %.
-_LEVELS = np.array([0.5, 0.15865525, 0.84134475, 0.95, 0.05])
+_QUANTILE_LEVELS = np.array([0.5, 0.15865525, 0.84134475, 0.95, 0.05])
 
 
 class HubbleQuantiles(NamedTuple):
@@ -202,7 +202,7 @@ class HubbleQuantiles(NamedTuple):
 
 
 #: Independent samples that 95 % intervals need: their limits then scatter by a tenth of the standard deviation.
-_FEWEST = 1000
+_FEWEST_SAMPLES = 1000
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -241,7 +241,7 @@ class Posterior(SampleResult):
     @cached_property
     def autocorrelation(self) -> dict[str, float]:
         """Integrated autocorrelation time of each coordinate, by name; 1 of independent draws. [steps]"""
-        times = autocorrelation(self.chain) if self.method == "emcee" else np.ones(len(self.model.names))
+        times = autocorrelation_times(self.chain) if self.method == "emcee" else np.ones(len(self.model.names))
         return dict(zip(self.model.names, map(float, times)))
 
     @property
@@ -251,9 +251,9 @@ class Posterior(SampleResult):
     @property
     def burn_in(self) -> int:
         """Steps left out at the start: five autocorrelation times of the slowest coordinate; none of draws."""
-        begins_anywhere = self.method == "emcee" and self.cells is None
-        steps = 5 * np.nan_to_num(self._longest_autocorrelation(), nan=np.inf)  # of a walker that never moved
-        return int(min(np.ceil(steps), len(self.chain))) if begins_anywhere else 0
+        has_burn_in = self.method == "emcee" and self.cells is None
+        steps = 5 * np.nan_to_num(self._find_longest_autocorrelation(), nan=np.inf)  # of a walker that never moved
+        return int(min(np.ceil(steps), len(self.chain))) if has_burn_in else 0
 
     @property
     def n_walkers(self) -> int:
@@ -263,12 +263,12 @@ class Posterior(SampleResult):
     @cached_property
     def r_hat(self) -> dict[str, float]:
         """Split R̂ of each coordinate after the burn-in, by name: 1 where all halves of walkers tell the same."""
-        return dict(zip(self.model.names, map(float, split_r_hat(self._after_burn_in()))))
+        return dict(zip(self.model.names, map(float, split_r_hat(self._cut_burn_in()))))
 
     @property
     def effective_size(self) -> dict[str, float]:
         """Effective number of independent samples of each coordinate after the burn-in, by name."""
-        steps, walkers, _ = self._after_burn_in().shape
+        steps, walkers, _ = self._cut_burn_in().shape
         return {name: steps * walkers / time for name, time in self.autocorrelation.items()}
 
     @property
@@ -294,12 +294,12 @@ class Posterior(SampleResult):
 
     def _sections(self, long):
         quantiles = self.hubble_by_prior if long else {}
-        return (*sections_of(self, long), *([_prior_section(quantiles)] if quantiles else []))
+        return (*sections_of(self, long), *([_make_prior_section(quantiles)] if quantiles else []))
 
     @cached_property
     def hubble_by_prior(self) -> dict[str, HubbleQuantiles]:
         """Quantiles of H0 under several priors, by their names; empty where the likelihood has no closed form."""
-        return _hubble_by_prior(self.model)
+        return _compute_hubble_by_prior(self.model)
 
     def kept(self) -> Samples:
         """The samples without the chain: a `Samples`, which can be written and read back."""
@@ -348,7 +348,7 @@ class Posterior(SampleResult):
         """
         chains = {name: self._chains(name)[:, :, 0].T for name in self.samples}
         log_probability = self.log_probability[self.burn_in :: self.thinning]
-        return inference_data(chains, log_probability.T, self.frame, UNITS)
+        return make_inference_data(chains, log_probability.T, self.frame, UNITS)
 
     def corner(
         self, names: Sequence[str] | None = None, truths: Mapping[str, float] | None = None, *, ax: OnAxes | None = None
@@ -378,34 +378,34 @@ class Posterior(SampleResult):
 
         return plot_trace(self, ax=ax)
 
-    def _after_burn_in(self):
+    def _cut_burn_in(self):
         """The chain as it is kept; its second half where it is too short to tell."""
-        slowest = self._longest_autocorrelation()
+        slowest = self._find_longest_autocorrelation()
         half = len(self.chain) // 2
         return self.chain[min(half, self.burn_in) if np.isfinite(slowest) else half :]
 
-    def _longest_autocorrelation(self):
+    def _find_longest_autocorrelation(self):
         return float(np.max(list(self.autocorrelation.values())))  # nan if any is
 
     def _check_length(self):
         steps, walkers, _ = self.chain.shape
         if self.method == "grid":
-            if steps * walkers < _FEWEST:
+            if steps * walkers < _FEWEST_SAMPLES:
                 raise ConvergenceError(
-                    f"{steps * walkers} samples are too few for 95 % intervals: ask for {_FEWEST} or more (n_samples=, "
-                    "--posterior N)"
+                    f"{steps * walkers} samples are too few for 95 % intervals: ask for {_FEWEST_SAMPLES} or more "
+                    "(n_samples=, --posterior N)"
                 )
             return
-        slowest = self._longest_autocorrelation()
+        slowest = self._find_longest_autocorrelation()
         if steps >= ENOUGH * slowest:
             return
         is_finite = np.isfinite(slowest)
         length = f"{steps / slowest:.1f} autocorrelation times" if is_finite else "so few that some walkers never moved"
         target_steps = int(np.ceil(2.5 * ENOUGH * slowest)) if is_finite else 10 * steps
         raise ConvergenceError(
-            f"{steps} steps are {length}; {ENOUGH} times are needed for a result. Ask for {target_steps * walkers} "
-            "samples or more (n_samples=, --n-samples; in Python also max_samples=); a chain with a checkpoint goes "
-            "on from "
+            f"{steps} steps are {length}; {ENOUGH} times are needed for a result. Ask for "
+            f"{target_steps * walkers} samples or more (n_samples=, --n-samples; in Python also max_samples=); a chain "
+            "with a checkpoint goes on from "
             "where it is"
         )
 
@@ -422,34 +422,34 @@ def read_samples(path: PathName) -> dict[str, FloatArray]:
 
 
 #: How many values of H0, and of each other number that is free, by how many there are.
-_POINTS = {0: (4000, 1), 1: (800, 150), 2: (300, 40)}
+_GRID_SIZES = {0: (4000, 1), 1: (800, 150), 2: (300, 40)}
 
 
-def _hubble_likelihood(model: Any) -> tuple[FloatArray, FloatArray] | None:
+def _compute_hubble_likelihood(model: Any) -> tuple[FloatArray, FloatArray] | None:
     """H0, and ln of its likelihood with all else integrated over its prior; None where there is no closed form."""
     nuisance_priors = {name: prior for name, prior in model.priors.free.items() if name != "H0"}
-    if not model.priors.velocity.gaussian or len(nuisance_priors) > max(_POINTS):
+    if not model.priors.velocity.gaussian or len(nuisance_priors) > max(_GRID_SIZES):
         return None
-    number, axis_size = _POINTS[len(nuisance_priors)]
+    n_hubble, n_nuisance = _GRID_SIZES[len(nuisance_priors)]
     # What depends on H0 beside v was tabulated for the H0 that its prior allows.
     is_tabulated = bool(nuisance_priors) or model.priors.group is not None
     limits = model.priors.limits("H0") if is_tabulated else HUBBLE_LIMITS
-    hubble, log_prior, axes = np.geomspace(max(limits[0], HUBBLE_LIMITS[0]), limits[1], number), np.zeros(()), []
+    hubble, log_prior, axes = (np.geomspace(max(limits[0], HUBBLE_LIMITS[0]), limits[1], n_hubble), np.zeros(()), [])
     for name, prior in nuisance_priors.items():
         lower, upper = model.priors.limits(name)
         # What is large goes with an H0 that is small.
-        axes.append(np.geomspace(max(lower, 1e-3 * upper), upper, axis_size))
+        axes.append(np.geomspace(max(lower, 1e-3 * upper), upper, n_nuisance))
         log_prior = np.add.outer(log_prior, prior.log(axes[-1]) + np.log(np.gradient(axes[-1])))
-    total = np.empty(number)
-    for chunk in np.array_split(np.arange(number), max(1, number * log_prior.size // 20_000)):
+    log_likelihood = np.empty(n_hubble)
+    for chunk in np.array_split(np.arange(n_hubble), max(1, n_hubble * log_prior.size // 20_000)):
         points = np.stack([grid.ravel() for grid in np.meshgrid(hubble[chunk], *axes, indexing="ij")], axis=1)
-        log = model.marginalise_velocity(points, with_priors=False)[0].reshape(len(chunk), -1)
-        total[chunk] = logsumexp(log + log_prior.ravel(), axis=1)
-    fine = np.geomspace(hubble[0], hubble[-1], 4000)
-    return fine, np.interp(np.log(fine), np.log(hubble), total)
+        log_marginal = model.marginalise_velocity(points, with_priors=False)[0].reshape(len(chunk), -1)
+        log_likelihood[chunk] = logsumexp(log_marginal + log_prior.ravel(), axis=1)
+    fine_hubble = np.geomspace(hubble[0], hubble[-1], 4000)
+    return fine_hubble, np.interp(np.log(fine_hubble), np.log(hubble), log_likelihood)
 
 
-def _priors_to_compare(prior: Any) -> dict[str, Any]:
+def _list_priors_to_compare(prior: Any) -> dict[str, Any]:
     """Priors beside the one that was given, as functions of H0 that return log-densities."""
     priors = {"as given": prior.log}
     if isinstance(prior, Normal):
@@ -464,32 +464,32 @@ def _priors_to_compare(prior: Any) -> dict[str, Any]:
     }
 
 
-def _hubble_by_prior(model):
+def _compute_hubble_by_prior(model):
     """Quantiles of H0 under several priors, by their names."""
-    likelihood = _hubble_likelihood(model)
+    likelihood = _compute_hubble_likelihood(model)
     if likelihood is None or not np.isfinite(likelihood[1]).any():
         return {}
-    hubble, log = likelihood
+    hubble, log_likelihood = likelihood
     step, quantiles = np.gradient(hubble), {}
-    for name, prior in _priors_to_compare(model.priors.hubble).items():
-        total = log + prior(hubble)
-        weight = np.where(np.isfinite(total), np.exp(total - np.nanmax(total[np.isfinite(total)])), 0.0) * step
-        share = np.cumsum(weight) / weight.sum()
-        ends = weight[:40].sum() + weight[-40:].sum()  # within a factor of 1.07 of a limit
-        median, low68, high68, below, above = np.interp(_LEVELS, share, hubble).tolist()
-        quantiles[name] = HubbleQuantiles(median, low68, high68, below, above, bool(ends > 0.02 * weight.sum()))
+    for name, log_prior in _list_priors_to_compare(model.priors.hubble).items():
+        log_p = log_likelihood + log_prior(hubble)
+        weight = np.where(np.isfinite(log_p), np.exp(log_p - np.nanmax(log_p[np.isfinite(log_p)])), 0.0) * step
+        cumulative = np.cumsum(weight) / weight.sum()
+        end_weight = weight[:40].sum() + weight[-40:].sum()  # within a factor of 1.07 of a limit
+        median, low68, high68, below, above = np.interp(_QUANTILE_LEVELS, cumulative, hubble).tolist()
+        quantiles[name] = HubbleQuantiles(median, low68, high68, below, above, bool(end_weight > 0.02 * weight.sum()))
     return quantiles
 
 
-def _prior_section(quantiles: dict[str, HubbleQuantiles]) -> Section:
+def _make_prior_section(quantiles: dict[str, HubbleQuantiles]) -> Section:
     """H0 under several priors, as a section."""
     rows = []
-    for name, estimate in quantiles.items():
-        median, low68, high68, below, above = map(format_three_digits, estimate[:5])
+    for name, hubble_quantiles in quantiles.items():
+        median, low68, high68, below, above = map(format_three_digits, hubble_quantiles[:5])
         rows.append((name, median, f"{low68} … {high68}", below, above))
     table = tables.table_of_rows(("prior", "median", "68 %", "95 % below", "95 % above"), rows)
-    leaning = [name for name, estimate in quantiles.items() if estimate.at_limits]
+    names_at_limits = [name for name, hubble_quantiles in quantiles.items() if hubble_quantiles.at_limits]
     remarks = ["Computed on a grid: “as given” differs from the limits above by the Monte Carlo error of the samples."]
-    remarks += [f"Leans on the limits: {', '.join(leaning)}."] if leaning else []
+    remarks += [f"Leans on the limits: {', '.join(names_at_limits)}."] if names_at_limits else []
     title = "H0 under other priors [km/s/Mpc], between 1 and 1000; one-sided limits"
     return Section(title, (), table, remarks=remarks)

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fit.posterior._sampling import Flat, Normal, Prior, as_prior, function_identity, integrable_with_inverse_cube
+from fit.posterior._sampling import Flat, Normal, Prior, as_prior, identify_function, is_integrable_with_inverse_cube
 from fit.secular_parallax import ASSUMED, DistanceModel, LocalGroup
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.digits import format_with_error
@@ -50,7 +50,7 @@ class VelocityPrior:
         return (logdet - np.einsum("ni,ij,nj->n", offset, self.precision, offset)) / 2
 
 
-def velocity_prior(value: Any, frame: str) -> VelocityPrior:
+def make_velocity_prior(value: Any, frame: str) -> VelocityPrior:
     """A velocity prior along the axes of `frame`."""
     if isinstance(value, str) and value in ("flat", "flat-product"):
         return VelocityPrior(value, np.zeros(3), np.zeros((3, 3)))
@@ -65,7 +65,7 @@ def velocity_prior(value: Any, frame: str) -> VelocityPrior:
         text = f"{format_with_error(value.amplitude, value.amplitude_error)} km/s toward l = {l:.2f}°, b = {b:+.2f}°"
         return VelocityPrior(f"Gaussian {value.value} {value.sigma} {value.frame}", vector.value, precision, words=text)
     if callable(value):
-        return VelocityPrior(f"function {function_identity(value)}", function=value)
+        return VelocityPrior(f"function {identify_function(value)}", function=value)
     raise ParameterError(f"a velocity prior is 'planck', 'flat', 'flat-product', a Vector or a function, not {value!r}")
 
 
@@ -133,17 +133,17 @@ def as_priors(
     options: dict[str, Any],
 ) -> Priors:
     """The Priors that `sample` and `grid` were given one by one."""
-    single = {"velocity": velocity_prior, "hubble": hubble_prior} | options
+    attributes = {"velocity": velocity_prior, "hubble": hubble_prior} | options
     assumed = ASSUMED - {"peculiar_dispersion"}  # which may have a prior
-    single = {name: value for name, value in single.items() if value is not None and name not in assumed}
-    invalid_names = set(single) - set(Priors.__dataclass_fields__)
+    attributes = {name: value for name, value in attributes.items() if value is not None and name not in assumed}
+    invalid_names = set(attributes) - set(Priors.__dataclass_fields__)
     if invalid_names:
         raise ParameterError(f"no prior is called {', '.join(sorted(invalid_names))}; there are those of Priors")
-    return Priors(**single)
+    return Priors(**attributes)
 
 
 #: What may be fixed or free besides the velocity and H0.
-_NUMBERS = ("peculiar_dispersion", "excess_noise", "flow_amplitude")
+_NUISANCE_NAMES = ("peculiar_dispersion", "excess_noise", "flow_amplitude")
 
 
 @dataclass(frozen=True)
@@ -162,11 +162,11 @@ class ModelPriors:
     @property
     def free(self) -> dict[str, Prior]:
         """Names and priors of the free numbers besides the velocity; H0 comes first."""
-        return {name: prior for name, prior in self._by_name().items() if not isinstance(prior, float)}
+        return {name: prior for name, prior in self._collect_by_name().items() if not isinstance(prior, float)}
 
     def limits(self, name: str) -> tuple[float, float]:
         """The smallest and largest value of one of them that is ever asked for."""
-        prior = self._by_name()[name]
+        prior = self._collect_by_name()[name]
         if isinstance(prior, float):
             return prior, prior
         lower, upper = prior.low, prior.high
@@ -186,8 +186,8 @@ class ModelPriors:
             total += np.where((column >= lower) & (column <= upper), prior.log(column), -np.inf)
         return total
 
-    def _by_name(self):
-        return {"H0": self.hubble} | {name: getattr(self, name) for name in _NUMBERS}
+    def _collect_by_name(self):
+        return {"H0": self.hubble} | {name: getattr(self, name) for name in _NUISANCE_NAMES}
 
     @property
     def typical_dispersion(self) -> float:
@@ -202,18 +202,18 @@ class ModelPriors:
         """Describe them to the last digit, for the fingerprint of a chain."""
         return (
             {"velocity": self.velocity.name}
-            | {name: repr(getattr(self, name)) for name in ("hubble", *_NUMBERS, "acceleration")}
+            | {name: repr(getattr(self, name)) for name in ("hubble", *_NUISANCE_NAMES, "acceleration")}
             | ({} if self.group is None else {"local group": f"{self.group.velocity} {self.group.covariance}"})
         )
 
     def in_words(self) -> dict[str, str]:
         """Describe them for reports."""
         return {"velocity": self.velocity.words or self.velocity.name, "flows": self.flows} | {
-            name: _in_words(getattr(self, name)) for name in ("hubble", *_NUMBERS)
+            name: _describe_prior(getattr(self, name)) for name in ("hubble", *_NUISANCE_NAMES)
         }
 
 
-def _in_words(prior):
+def _describe_prior(prior):
     if isinstance(prior, Flat):
         return f"flat from {prior.low:g} to {prior.high:g}"
     if isinstance(prior, Normal):
@@ -224,14 +224,14 @@ def _in_words(prior):
 
 def checked_priors(priors: Priors, frame: str, model: DistanceModel | None = None) -> ModelPriors:
     """Priors as users give them, checked: ModelPriors."""
-    velocity = velocity_prior(priors.velocity, frame)
+    velocity = make_velocity_prior(priors.velocity, frame)
     hubble = as_prior(priors.hubble, "H0", _HUBBLE_PRIORS)
     if not (velocity.proper or hubble.proper):
         raise ParameterError(
             "the data constrain only the product v · H0: with a flat prior on the velocity, that on H0 must be proper "
             "(Flat(low, high), Normal(mean, sigma)), or the other way round"
         )
-    if velocity.name == "flat" and not integrable_with_inverse_cube(hubble):
+    if velocity.name == "flat" and not is_integrable_with_inverse_cube(hubble):
         raise ParameterError(
             f"with a prior flat in the velocity the posterior of H0 goes as p(H0)/H0³, which for {hubble} has no"
             ' integral: small H0 would dominate it. Take velocity_prior="flat-product" (flat in v · H0: the prior on'
@@ -239,20 +239,20 @@ def checked_priors(priors: Priors, frame: str, model: DistanceModel | None = Non
         )
     dispersion = priors.peculiar_dispersion
     if dispersion is None or isinstance(dispersion, (int, float, np.number)):
-        fixed_dispersion = None if dispersion is None else _number_or_prior(dispersion, "peculiar_dispersion")
+        fixed_dispersion = None if dispersion is None else _check_number_or_prior(dispersion, "peculiar_dispersion")
         dispersion = replace(model or DistanceModel(), peculiar_dispersion=fixed_dispersion).dispersion
     amplitude = priors.flow_amplitude
     return ModelPriors(
         velocity,
         hubble,
-        _number_or_prior(dispersion, "peculiar_dispersion"),
-        _number_or_prior(priors.excess_noise, "excess_noise"),
+        _check_number_or_prior(dispersion, "peculiar_dispersion"),
+        _check_number_or_prior(priors.excess_noise, "excess_noise"),
         1.0 if amplitude is None else as_prior(amplitude, "flow_amplitude"),
         None if priors.acceleration is None else priors.acceleration.to_frame(frame),
     )
 
 
-def _number_or_prior(value, name):
+def _check_number_or_prior(value, name):
     if isinstance(value, (int, float, np.number)):
         if not 0 <= value < np.inf:
             raise ParameterError(f"{name} cannot be {value}: zero or more, or a prior, is expected")

@@ -11,9 +11,9 @@ import numpy as np
 
 from fit.distances import declared_frame
 from fit.posterior._model import parallax_model
-from fit.posterior._posterior import Cells, Posterior, cells_of, check_grid_possible
+from fit.posterior._posterior import Cells, Posterior, check_grid_possible, make_cells_if_possible
 from fit.posterior._priors import ModelPriors, Priors, as_priors, checked_priors
-from fit.posterior._sampling import Prior, Run, check_writable, fingerprint, function_identity
+from fit.posterior._sampling import Prior, Run, check_writable, identify_function, make_fingerprint
 from fit.results.storage import Result
 from fit.secular_parallax import (
     ASSUMED,
@@ -45,7 +45,7 @@ def _select_assumed(options):
     return {name: value for name, value in options.items() if name in ASSUMED and name != "peculiar_dispersion"}
 
 
-def posterior_equations(
+def make_equations_and_priors(
     field: Field | Parts, priors: Priors, cosmology: Cosmology | None, options: Mapping[str, Any]
 ) -> tuple[ParallaxEquations | ParallaxParts, ModelPriors]:
     """The equations of a catalogue, and the priors along its axes."""
@@ -55,31 +55,31 @@ def posterior_equations(
     rows = replace(model, peculiar_dispersion=model_priors.typical_dispersion).equations(field)
     if rows.n_own:
         raise ParameterError(
-            f"{rows.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior takes "
-            "redshifts alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
+            f"{rows.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior "
+            "takes redshifts alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
         )
     rows = warn_of_undeclared_frame(rows, field, model.redshift_frame)
     if rows.left_out is not None:
-        rows = replace(rows, notes=(_omitted_flow_note(rows, model_priors), *rows.notes))
+        rows = replace(rows, notes=(_format_omitted_flow_note(rows, model_priors), *rows.notes))
     group = local_group_of(priors.local_group, rows)
     if group is not None and "flow_amplitude" in model_priors.free:
         raise ParameterError("the Local Group tells a flow of known amplitude: leave out local_group or flow_amplitude")
     if rows.modes is not None:
-        words = f"{len(rows.modes)} modes of {rows.modes.theory.name}" + (", and the Local Group" if group else "")
-        model_priors = replace(model_priors, flows=words, group=group)
+        flows = f"{len(rows.modes)} modes of {rows.modes.theory.name}" + (", and the Local Group" if group else "")
+        model_priors = replace(model_priors, flows=flows, group=group)
     frame = model.redshift_frame or declared_frame(first_field)
     rows = replace(rows, notes=(*rows.notes, *notes_on_group(rows, priors.local_group, frame)))
     return rows, model_priors
 
 
-def _omitted_flow_note(rows, model_priors):
+def _format_omitted_flow_note(equations, model_priors):
     """Note on what omitted flows would add."""
-    sums = rows.left_out.sums(model_priors.typical_dispersion, 0.0, rows.n_data // 2)
-    size = np.sqrt(np.diag(flow_covariance(sums, np.eye(9)[:, : OMEGA.start], 1.0)))
+    sums = equations.left_out.sums(model_priors.typical_dispersion, 0.0, equations.n_data // 2)
+    flow_errors = np.sqrt(np.diag(flow_covariance(sums, np.eye(9)[:, : OMEGA.start], 1.0)))
     return (
         "warning: not in the intervals: flows of linear theory, which galaxies share, add about "
-        f"± {np.sqrt(np.mean(size[:3] ** 2)):.0f} km/s to each component of v H0/H_ref, and ± "
-        f"{np.sqrt(np.mean(size[3:] ** 2)):.2g} µas/yr to the acceleration's"
+        f"± {np.sqrt(np.mean(flow_errors[:3] ** 2)):.0f} km/s to each component of v H0/H_ref, and ± "
+        f"{np.sqrt(np.mean(flow_errors[3:] ** 2)):.2g} µas/yr to the acceleration's"
     )
 
 
@@ -158,13 +158,13 @@ def sample(
     """
     choice("method", method, ("emcee", "grid"))
     priors = as_priors(velocity_prior, hubble_prior, options)
-    rows, model_priors = posterior_equations(field, priors, cosmology, options)
+    equations, model_priors = make_equations_and_priors(field, priors, cosmology, options)
     spin = priors.spin
     if method == "grid":  # before the likelihood is tabulated
         check_grid_possible(model_priors)
         if checkpoint is not None:
             raise ParameterError("independent draws from a grid are made at once: they take no checkpoint")
-    model: Any = parallax_model(rows, model_priors, spin, threads)
+    model: Any = parallax_model(equations, model_priors, spin, threads)
     n_walkers = n_walkers or 128
     if n_walkers < 2 * len(model.names):
         raise ParameterError(f"{n_walkers} walkers are too few for {len(model.names)} coordinates: take twice as many")
@@ -172,26 +172,26 @@ def sample(
     if steps < 2:
         raise ParameterError(f"{n_samples} samples are fewer than two steps of {n_walkers} walkers")
     seed, begun = int(generator(rng).integers(2**32)), perf_counter()
-    about: Any = {"model": model, "frame": rows.frame, "notes": rows.notes, "seed": seed}
+    about: Any = {"model": model, "frame": equations.frame, "notes": equations.notes, "seed": seed}
     if method == "grid":
-        theta, log = Cells.of(model).draw_independent(np.random.default_rng(seed), steps * n_walkers)
-        chain, log_probability = theta.reshape(steps, n_walkers, -1), log.reshape(steps, n_walkers)
+        theta, log_density = Cells.of(model).draw_independent(np.random.default_rng(seed), steps * n_walkers)
+        chain, log_probability = theta.reshape(steps, n_walkers, -1), log_density.reshape(steps, n_walkers)
         return _log_run(Posterior(chain=chain, log_probability=log_probability, method=method, **about), begun)
-    cells, start = cells_of(model), np.random.default_rng(seed)
-    begin = model.start(start, n_walkers) if cells is None else cells.draw_independent(start, n_walkers)[0]
+    cells, start_rng = make_cells_if_possible(model), np.random.default_rng(seed)
+    start = model.start(start_rng, n_walkers) if cells is None else cells.draw_independent(start_rng, n_walkers)[0]
     max_steps = 16 * steps if max_samples is None else int(max_samples) // n_walkers
-    run = Run(model, begin, seed, steps, progress, save_every, max_steps, None if cells is None else cells.propose)
+    run = Run(model, start, seed, steps, progress, save_every, max_steps, None if cells is None else cells.propose)
     if checkpoint is not None:
         check_writable(checkpoint)
-        spin_said = f"{spin.value} {spin.sigma}" if isinstance(spin, Vector) else str(spin)
-        identity = fingerprint(
-            _identifying_arrays(field, rows),
-            f"{rows.n_data // 2} sources, {rows.frame}",
+        spin_description = f"{spin.value} {spin.sigma}" if isinstance(spin, Vector) else str(spin)
+        identity = make_fingerprint(
+            _list_identifying_arrays(field, equations),
+            f"{equations.n_data // 2} sources, {equations.frame}",
             model_priors.describe()
             | {
                 "cosmology": repr(cosmology),
-                "spin": spin_said,
-                "distances": _in_words(_select_assumed(options)),
+                "spin": spin_description,
+                "distances": _describe_distances(_select_assumed(options)),
                 "walkers": str(n_walkers),
                 "seed": str(seed),
             },
@@ -208,20 +208,20 @@ def _log_run(posterior, begun):
     return posterior
 
 
-def _identifying_arrays(field, rows):
+def _list_identifying_arrays(field, equations):
     """The arrays that tell one catalogue from another: of the field, or the sums of its parts."""
     if isinstance(field, Field):
         arrays = [getattr(field, name) for name in ("lon", "lat", "motion", "sigma", "rho", "redshift")]
         return arrays + [getattr(field, name) for name in MEASURED[1:] if getattr(field, name) is not None]
-    sums = rows.sums()
+    sums = equations.sums()
     return [sums.matrix, sums.rhs, sums.chi2_null, sums.logdet]
 
 
-def _in_words(distances):
+def _describe_distances(distances):
     """Describe how distances follow from redshifts, the same text in every run."""
     return str(
         {
-            name: function_identity(value) if callable(value) and not isinstance(value, type) else repr(value)
+            name: identify_function(value) if callable(value) and not isinstance(value, type) else repr(value)
             for name, value in sorted(distances.items())
         }
     )
@@ -318,9 +318,9 @@ def grid(
         If more than two numbers are free, or the velocity's prior is a function.
     """
     priors = as_priors(velocity_prior, hubble_prior, options)
-    rows, model_priors = posterior_equations(field, priors, cosmology, options)
+    equations, model_priors = make_equations_and_priors(field, priors, cosmology, options)
     check_grid_possible(model_priors)
-    return summarise_cells(Cells.of(parallax_model(rows, model_priors, priors.spin, threads), n_points))
+    return summarise_cells(Cells.of(parallax_model(equations, model_priors, priors.spin, threads), n_points))
 
 
 def summarise_cells(cells: Cells) -> GridPosterior:

@@ -69,8 +69,8 @@ class Flat(InNotebook):
 
     def log(self, x: FloatArray) -> FloatArray:
         """Log-density at `x`, any shape."""
-        inside = (x >= self.low) & (x <= self.high)
-        return np.where(inside, -np.log(self.high - self.low) if self.proper else 0.0, -np.inf)
+        is_inside = (x >= self.low) & (x <= self.high)
+        return np.where(is_inside, -np.log(self.high - self.low) if self.proper else 0.0, -np.inf)
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,8 @@ class Normal(InNotebook):
 
     def log(self, x: FloatArray) -> FloatArray:
         """Log-density at `x`, of any shape, up to a constant."""
-        inside = (x >= self.low) & (x <= self.high)
-        return np.where(inside, -(((x - self.mean) / self.sigma) ** 2) / 2 - np.log(self.sigma), -np.inf)
+        is_inside = (x >= self.low) & (x <= self.high)
+        return np.where(is_inside, -(((x - self.mean) / self.sigma) ** 2) / 2 - np.log(self.sigma), -np.inf)
 
 
 @dataclass(frozen=True)
@@ -107,15 +107,15 @@ class Density(InNotebook):
     proper = True
 
     def __repr__(self) -> str:
-        return f"Density({function_identity(self.function)}, {self.low}, {self.high})"
+        return f"Density({identify_function(self.function)}, {self.low}, {self.high})"
 
     def log(self, x: FloatArray) -> FloatArray:
         """Log-density at `x`, any shape."""
-        inside = (x >= self.low) & (x <= self.high)
-        return np.where(inside, self.function(np.where(inside, x, (self.low + self.high) / 2)), -np.inf)
+        is_inside = (x >= self.low) & (x <= self.high)
+        return np.where(is_inside, self.function(np.where(is_inside, x, (self.low + self.high) / 2)), -np.inf)
 
 
-def integrable_with_inverse_cube(prior: Prior) -> bool:
+def is_integrable_with_inverse_cube(prior: Prior) -> bool:
     """Return whether ∫ p(x)/x³ dx over x > 0 is finite at zero."""
     if prior.low > 0:
         return True
@@ -123,13 +123,13 @@ def integrable_with_inverse_cube(prior: Prior) -> bool:
     scale = prior.high if np.isfinite(prior.high) else max(getattr(prior, "mean", 1.0), 1.0)
     x = scale * np.geomspace(1e-2, 1e-8, 7)
     with np.errstate(all="ignore"):
-        share = prior.log(x) - 2 * np.log(x)
-    return bool((np.diff(share) < -0.1).all() or np.isneginf(share).all())
+        log_share = prior.log(x) - 2 * np.log(x)
+    return bool((np.diff(log_share) < -0.1).all() or np.isneginf(log_share).all())
 
 
-def as_prior(value: Any, name: str, named: Mapping[str, Prior] | tuple[()] = ()) -> Any:
+def as_prior(value: Any, name: str, known_priors: Mapping[str, Prior] | tuple[()] = ()) -> Any:
     """A prior of one positive number: a prior, a pair (mean, σ), or one of the names."""
-    priors = dict(named)
+    priors = dict(known_priors)
     if isinstance(value, str):
         if value not in priors:
             raise ParameterError(f"no prior on {name} is called {value!r}; there are {', '.join(priors)}")
@@ -143,41 +143,41 @@ def as_prior(value: Any, name: str, named: Mapping[str, Prior] | tuple[()] = ())
     return value
 
 
-def function_identity(function: Callable[..., Any]) -> str:
+def identify_function(function: Callable[..., Any]) -> str:
     """The name of a function and a hash of what it does."""
     code = getattr(function, "__code__", None)
-    mark = sha256(code.co_code + repr(code.co_consts).encode()).hexdigest()[:12] if code else ""
-    return f"{getattr(function, '__qualname__', type(function).__name__)} {mark}".strip()
+    code_hash = sha256(code.co_code + repr(code.co_consts).encode()).hexdigest()[:12] if code else ""
+    return f"{getattr(function, '__qualname__', type(function).__name__)} {code_hash}".strip()
 
 
-_STATE = ("key", "position", "has_gauss", "gauss")
+_RANDOM_STATE_FIELDS = ("key", "position", "has_gauss", "gauss")
 
 
-def fingerprint(arrays: Iterable[ArrayLike], about: str, model: dict[str, str]) -> dict[str, str]:
+def make_fingerprint(arrays: Iterable[ArrayLike], about: str, model: dict[str, str]) -> dict[str, str]:
     """Fingerprint of a chain: a hash of the data, and the model in words."""
     return {"data": f"{about}, {digest_of(map(np.asarray, arrays))[:16]}"} | model
 
 
-def save(
+def save_chain(
     path: PathName, fingerprint: dict[str, str], chain: FloatArray, log_probability: FloatArray, state: Any
 ) -> None:
     """Write a chain (steps, walkers, d), its log-densities and the state of its random numbers."""
     arrays = {"chain": chain, "log_probability": log_probability}
-    arrays |= {name: np.asarray(value) for name, value in zip(_STATE, state[1:], strict=True)}
+    arrays |= {name: np.asarray(value) for name, value in zip(_RANDOM_STATE_FIELDS, state[1:], strict=True)}
     identity = {"fingerprint": np.frombuffer(json.dumps(fingerprint).encode(), np.uint8)}
     write_arrays(path, identity | arrays, overwrite=True)
 
 
-def load(path: PathName, fingerprint: dict[str, str]) -> tuple[FloatArray, FloatArray, Any] | None:
+def load_chain(path: PathName, fingerprint: dict[str, str]) -> tuple[FloatArray, FloatArray, Any] | None:
     """Read a chain back: chain, log-densities, state of the random numbers; None where there is no file."""
     path = Path(path)
     if not path.exists():
         return None
     try:
-        file = read_arrays(path)
-        file_fingerprint = json.loads(bytes(file["fingerprint"]).decode())
-        chain, log_probability = file["chain"], file["log_probability"]
-        state = ("MT19937", *(file[name] if name == "key" else file[name].item() for name in _STATE))
+        arrays = read_arrays(path)
+        file_fingerprint = json.loads(bytes(arrays["fingerprint"]).decode())
+        chain, log_probability = arrays["chain"], arrays["log_probability"]
+        state = ("MT19937", *(arrays[name] if name == "key" else arrays[name].item() for name in _RANDOM_STATE_FIELDS))
     except Exception as error:  # whatever a damaged file makes of zip and NumPy's headers
         raise CheckpointError(
             f"{path} is no chain of this program, or damaged ({type(error).__name__}): name another file, or delete it"
@@ -203,7 +203,7 @@ def check_writable(path: PathName) -> None:
     check_not_read(path, f"the checkpoint {path}")
 
 
-def autocorrelation(chain: FloatArray) -> FloatArray:
+def autocorrelation_times(chain: FloatArray) -> FloatArray:
     """Integrated autocorrelation times of a chain (steps, walkers, d), (d,); nan where a walker never moved. [steps]
 
     One at least: independent samples scatter about it.
@@ -230,11 +230,11 @@ def split_r_hat(chain: FloatArray) -> FloatArray:
 #: A chain shorter than this many autocorrelation times says nothing certain, not even about its length.
 ENOUGH = 50
 #: What a chain that is too short aims at: its own estimate of the autocorrelation time is too small.
-_AIM = 75
+_AIMED_TIMES = 75
 
 
 #: The share of moves to an independent draw, where there is one: the rest would find what the draws do not know.
-_BY_DRAWS = 0.8
+_DRAW_SHARE = 0.8
 
 
 class Run:
@@ -249,28 +249,28 @@ class Run:
     def __init__(
         self,
         model: Any,
-        begin: FloatArray,
+        start: FloatArray,
         seed: int,
         steps: int,
         progress: bool,
         save_every: float,
-        most: int = 0,
+        max_steps: int = 0,
         propose: Callable[..., Any] | None = None,
     ) -> None:
         moves = [(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)]
         if propose is not None:
-            moves = [(emcee.moves.MHMove(propose), _BY_DRAWS)] + [(move, (1 - _BY_DRAWS) * w) for move, w in moves]
-        self.sampler = emcee.EnsembleSampler(*begin.shape, model.log_probability, vectorize=True, moves=moves)
-        log_density = model.log_probability(begin)
+            moves = [(emcee.moves.MHMove(propose), _DRAW_SHARE)] + [(move, (1 - _DRAW_SHARE) * w) for move, w in moves]
+        self.sampler = emcee.EnsembleSampler(*start.shape, model.log_probability, vectorize=True, moves=moves)
+        log_density = model.log_probability(start)
         if not np.isfinite(log_density).all():
             raise ParameterError(
-                f"{(~np.isfinite(log_density)).sum()} of {len(begin)} walkers would start at zero density"
+                f"{(~np.isfinite(log_density)).sum()} of {len(start)} walkers would start at zero density"
             )
-        self.state = emcee.State(begin, log_prob=log_density, random_state=np.random.RandomState(seed).get_state())
-        self.start = begin, log_density
-        self.steps, self.most = steps, max(steps, most)
-        self.chain, self.log_probability = np.empty((steps, *begin.shape)), np.empty((steps, len(begin)))
-        self.done = 0
+        self.state = emcee.State(start, log_prob=log_density, random_state=np.random.RandomState(seed).get_state())
+        self.start = start, log_density
+        self.steps, self.max_steps = steps, max(steps, max_steps)
+        self.chain, self.log_probability = (np.empty((steps, *start.shape)), np.empty((steps, len(start))))
+        self.n_done = 0
         self.progress, self.save_every = progress, save_every
         self.path: PathName | None = None
         self.fingerprint: dict[str, str] = {}
@@ -278,15 +278,15 @@ class Run:
     def resume_from(self, path: PathName, fingerprint: dict[str, str]) -> None:
         """Go on from a checkpoint, if it is there, and write to it from now on."""
         self.path, self.fingerprint = path, fingerprint | {"start": f"{self.start[1].sum():.17g}"}
-        checkpoint = load(path, self.fingerprint)
+        checkpoint = load_chain(path, self.fingerprint)
         if checkpoint is None:
             return
         chain, log_probability, random_state = checkpoint
         if chain.shape[1:] != self.chain.shape[1:] or log_probability.shape != chain.shape[:2] or not len(chain):
             raise CheckpointError(f"{path} holds a chain of shape {chain.shape}: name another file, or delete it")
         self._make_room(len(chain))
-        self.done = len(chain)
-        self.chain[: self.done], self.log_probability[: self.done] = chain, log_probability
+        self.n_done = len(chain)
+        self.chain[: self.n_done], self.log_probability[: self.n_done] = chain, log_probability
         self.state = emcee.State(chain[-1], log_prob=log_probability[-1], random_state=random_state)
 
     def run(self) -> tuple[FloatArray, FloatArray]:
@@ -294,15 +294,15 @@ class Run:
         target = self.steps
         while True:
             self._make_room(target)
-            if target > self.done:
+            if target > self.n_done:
                 self._sample_until(target)
-            if target >= self.most:
+            if target >= self.max_steps:
                 break
-            slowest = float(np.max(autocorrelation(self.chain[:target])))
+            slowest = float(np.max(autocorrelation_times(self.chain[:target])))
             if target >= ENOUGH * slowest:
                 break
-            aim = _AIM * slowest if np.isfinite(slowest) else 4 * target
-            target = int(min(self.most, max(1.5 * target, aim)))
+            aimed_steps = _AIMED_TIMES * slowest if np.isfinite(slowest) else 4 * target
+            target = int(min(self.max_steps, max(1.5 * target, aimed_steps)))
         return self.chain[:target], self.log_probability[:target]
 
     def _make_room(self, steps):
@@ -313,36 +313,36 @@ class Run:
 
     def _sample_until(self, target):
         """Run to a step, saving on the way."""
-        save_time, cost = time.monotonic(), 0.0
-        bar = progress_bar(None, target, "chain", self.progress, " steps", initial=self.done)
+        last_save_time, save_duration = time.monotonic(), 0.0
+        bar = progress_bar(None, target, "chain", self.progress, " steps", initial=self.n_done)
         with bar:
             for state in self.sampler.sample(
-                self.state, iterations=target - self.done, store=False, skip_initial_state_check=True
+                self.state, iterations=target - self.n_done, store=False, skip_initial_state_check=True
             ):
-                self.chain[self.done], self.log_probability[self.done] = state.coords, state.log_prob
-                self.done += 1
+                self.chain[self.n_done], self.log_probability[self.n_done] = state.coords, state.log_prob
+                self.n_done += 1
                 self.state = state
                 bar.update()
                 # Long chains take long to write: never more than a twentieth of the time.
-                if self.path and time.monotonic() - save_time > max(self.save_every, 20 * cost):
-                    begun = time.monotonic()
+                if self.path and time.monotonic() - last_save_time > max(self.save_every, 20 * save_duration):
+                    save_start = time.monotonic()
                     self._save()
-                    save_time = time.monotonic()
-                    cost = save_time - begun
+                    last_save_time = time.monotonic()
+                    save_duration = last_save_time - save_start
             if self.path:
                 self._save()
 
     def _save(self):
-        rows = slice(0, self.done)
+        rows = slice(0, self.n_done)
         state = self.sampler.random_state
         assert self.path is not None
-        save(self.path, self.fingerprint, self.chain[rows], self.log_probability[rows], state)
+        save_chain(self.path, self.fingerprint, self.chain[rows], self.log_probability[rows], state)
 
 
 _AXES = ("x", "y", "z")
 
 
-def inference_data(
+def make_inference_data(
     samples: Mapping[str, FloatArray], log_probability: FloatArray | None, frame: str, units: Mapping[str, str]
 ) -> Any:
     """arviz' InferenceData (its DataTree from version 1 on) of samples, each (chains, draws)."""
@@ -351,18 +351,18 @@ def inference_data(
     except ImportError:
         raise ImportError("arviz is not installed: pip install 'vsh-astrometry[arviz]'") from None
     variables = dict(samples)
-    about = {name: {"unit": units.get(name, "")} for name in variables}
+    attributes = {name: {"unit": units.get(name, "")} for name in variables}
     for vector, letter in (("velocity", "v"), ("acceleration", "a")):
         components = [f"{letter}_{axis}" for axis in _AXES]
         if set(components) <= set(samples):
             variables[vector] = np.stack([samples[component] for component in components], axis=-1)
-            about[vector] = {"unit": units.get(components[0], ""), "frame": frame}
-    vectors = [name for name, values in variables.items() if np.ndim(values) == 3]
-    layout = {"coords": {"axis": list(_AXES)}, "dims": {name: ["axis"] for name in vectors}}
+            attributes[vector] = {"unit": units.get(components[0], ""), "frame": frame}
+    vector_names = [name for name, values in variables.items() if np.ndim(values) == 3]
+    layout = {"coords": {"axis": list(_AXES)}, "dims": {name: ["axis"] for name in vector_names}}
     groups: dict[str, Any] = {"posterior": variables}
     groups |= {} if log_probability is None else {"sample_stats": {"lp": log_probability}}
     has_datatree = int(arviz.__version__.split(".")[0]) >= 1
-    data = arviz.from_dict(groups, **layout) if has_datatree else arviz.from_dict(**groups, **layout)
-    for name, facts in about.items():
-        data["posterior"][name].attrs.update(facts)
-    return data
+    inference_data = arviz.from_dict(groups, **layout) if has_datatree else arviz.from_dict(**groups, **layout)
+    for name, variable_attributes in attributes.items():
+        inference_data["posterior"][name].attrs.update(variable_attributes)
+    return inference_data

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fit.posterior._priors import FITS_UNITS, HUBBLE_LIMITS, SHORT_NAMES, UNITS
-from fit.posterior._sampling import autocorrelation, inference_data, split_r_hat
+from fit.posterior._sampling import autocorrelation_times, make_inference_data, split_r_hat
 from fit.results.storage import Result, checked_count, checked_strings
 from vsh.io import tables
 from vsh.io.sections import Section
@@ -31,7 +31,7 @@ class Interval(NamedTuple):
     sigma: float
 
 
-def intervals(samples: Mapping[str, FloatArray]) -> dict[str, Interval]:
+def compute_intervals(samples: Mapping[str, FloatArray]) -> dict[str, Interval]:
     """An Interval for each name."""
     levels = [50, 15.865525, 84.134475, 2.5, 97.5]  # the median, the Gaussian's 1 σ, and 95 %
     intervals = {}
@@ -74,13 +74,11 @@ class SampleResult(Result):
 
         return DataFrame(self.samples)
 
-    def _effective_sizes(self):
+    def _compute_effective_sizes(self):
         """Effective number of independent samples of each quantity, by name."""
-        return {
-            name: values.size / float(autocorrelation(self._chains(name))[0]) for name, values in self.samples.items()
-        }
+        return {name: x.size / float(autocorrelation_times(self._chains(name))[0]) for name, x in self.samples.items()}
 
-    def _r_hat(self):
+    def _compute_r_hats(self):
         """Split R̂ of each quantity, by name."""
         return {name: float(split_r_hat(self._chains(name))[0]) for name in self.samples}
 
@@ -89,7 +87,7 @@ class SampleResult(Result):
 
     def summary(self) -> dict[str, Interval]:
         """Median, mean, σ, and the 68 and 95 % credible intervals of every quantity: a dict of `Interval`."""
-        return intervals(self.samples)
+        return compute_intervals(self.samples)
 
     @property
     def hubble_limits(self) -> tuple[float, float] | None:
@@ -98,11 +96,11 @@ class SampleResult(Result):
         The upper one is inf where the samples reach the end of a flat prior that has no limit. [km/s/Mpc]
         """
         samples = self.samples["H0"]
-        lower, middle, upper = np.percentile(samples, [5, 50, 95]).tolist()
+        lower, median, upper = np.percentile(samples, [5, 50, 95]).tolist()
         is_at_end = np.mean(samples > _NEAR_END * HUBBLE_LIMITS[1]) > _AT_END and samples.max() <= HUBBLE_LIMITS[1]
         if is_at_end and not np.isfinite(self._largest_hubble):
             upper = float("inf")
-        return None if np.std(samples) < _WIDE * middle else (lower, upper)
+        return None if np.std(samples) < _WIDE * median else (lower, upper)
 
     @property
     def _largest_hubble(self):
@@ -112,30 +110,30 @@ class SampleResult(Result):
     @property
     def product(self) -> tuple[float, float, float]:
         """v H0, which the motions determine: its median, and the ends of its 68 % interval. [(km/s)²/Mpc]"""
-        values = self.samples["speed"] * self.samples["H0"]
-        median, lower, upper = np.percentile(values, [50, 15.865525, 84.134475]).tolist()
+        products = self.samples["speed"] * self.samples["H0"]
+        median, lower, upper = np.percentile(products, [50, 15.865525, 84.134475]).tolist()
         return median, lower, upper
 
     def print_summary(self) -> dict[str, list[str]]:
         """Median, and the limits of the 68 and 95 % intervals, to the digits that their Monte Carlo errors allow."""
-        size = self._effective_sizes()
-        return {name: _format_interval(row, size[name]) for name, row in self.summary().items()}
+        effective_sizes = self._compute_effective_sizes()
+        return {name: _format_interval(interval, effective_sizes[name]) for name, interval in self.summary().items()}
 
     @property
     def velocity(self) -> Vector:
         """Mean and covariance of the velocity, a Vector in km/s, toward the apex."""
-        return self._vector("v", "km/s")
+        return self._make_vector("v", "km/s")
 
     @property
     def acceleration(self) -> Vector:
         """Mean and covariance of the acceleration, a Vector in µas/yr."""
-        return self._vector("a", "µas/yr")
+        return self._make_vector("a", "µas/yr")
 
     def to_table(self) -> Table:
         """The summary as an astropy Table, a row a quantity."""
-        rows = self.summary()
-        columns = {"quantity": list(rows), "unit": [UNITS.get(name, "") for name in rows]}
-        columns |= {key: [getattr(row, key) for row in rows.values()] for key in Interval._fields}
+        intervals = self.summary()
+        columns = {"quantity": list(intervals), "unit": [UNITS.get(name, "") for name in intervals]}
+        columns |= {key: [getattr(interval, key) for interval in intervals.values()] for key in Interval._fields}
         return tables.table_of(columns, {"frame": self.frame})
 
     def plot(
@@ -146,9 +144,9 @@ class SampleResult(Result):
 
         return plot_corner(self, names, truths=truths, ax=ax)
 
-    def _vector(self, name, unit):
-        three = np.stack([self.samples[f"{name}_{axis}"] for axis in "xyz"])
-        return Vector(three.mean(1), np.cov(three), self.frame, unit)
+    def _make_vector(self, name, unit):
+        components = np.stack([self.samples[f"{name}_{axis}"] for axis in "xyz"])
+        return Vector(components.mean(1), np.cov(components), self.frame, unit)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -192,13 +190,13 @@ class Samples(SampleResult):
             If arviz is not installed.
         """
         chains = {name: self._chains(name)[:, :, 0].T for name in self.samples}
-        return inference_data(chains, None, self.frame, UNITS)
+        return make_inference_data(chains, None, self.frame, UNITS)
 
     def __repr__(self) -> str:
         return f"<Samples: {len(self.samples['H0'])} of {', '.join(self.samples)}, {self.frame}>"
 
     def _sections(self, long):
-        return (replace(summary_section(self, prior_facts(self.priors)), notes=self.notes),)
+        return (replace(summary_section(self, list_prior_facts(self.priors)), notes=self.notes),)
 
     def _pack(self):
         units = {name: FITS_UNITS[UNITS[name]] for name in self.samples if UNITS.get(name)}
@@ -215,11 +213,11 @@ class Samples(SampleResult):
             notes=checked_strings(metadata["notes"]),
             priors=dict(metadata["priors"]),
             seed=int(metadata["seed"]),
-            walkers=_walkers(samples, metadata),
+            walkers=_read_walker_count(samples, metadata),
         )
 
 
-def _walkers(samples, header):
+def _read_walker_count(samples, header):
     """The number of walkers of a file; one where an older file does not say it."""
     walkers = checked_count(header.get("walkers", 1))
     if not walkers or any(values.size % walkers for values in samples.values()):
@@ -229,13 +227,13 @@ def _walkers(samples, header):
 
 def sections_of(posterior: Any, long: bool = True) -> tuple[Section, ...]:
     """A posterior as sections."""
-    facts = prior_facts(posterior.model.priors.in_words()) + _origin(posterior) if long else []
-    remarks = [*_limit_warnings(posterior), *_product_remarks(posterior)]
-    section = summary_section(posterior, facts, _fixed_by_prior(posterior.model.priors))
+    facts = list_prior_facts(posterior.model.priors.in_words()) + _describe_origin(posterior) if long else []
+    remarks = [*_find_limit_warnings(posterior), *_make_product_remarks(posterior)]
+    section = summary_section(posterior, facts, _find_names_fixed_by_prior(posterior.model.priors))
     return (replace(section, remarks=remarks, notes=posterior.notes),)
 
 
-def _origin(posterior):
+def _describe_origin(posterior):
     """Facts on the origin of the samples."""
     steps, walkers, _ = posterior.chain.shape
     count = len(posterior.samples["H0"])
@@ -248,11 +246,11 @@ def _origin(posterior):
     mean, sigma = posterior.cells.hubble
     error = sigma / np.sqrt(posterior.effective_size["H0"])
     pull = (np.mean(posterior.samples["H0"]) - mean) / error
-    text = f"mean H0 is {pull:+.1f} of its Monte Carlo errors from that on a grid, {mean:.4g} ± {sigma:.2g}"
-    return [*facts, ("check", text)]
+    comparison = f"mean H0 is {pull:+.1f} of its Monte Carlo errors from that on a grid, {mean:.4g} ± {sigma:.2g}"
+    return [*facts, ("check", comparison)]
 
 
-def prior_facts(priors: Mapping[str, str]) -> list[tuple[str, str]]:
+def list_prior_facts(priors: Mapping[str, str]) -> list[tuple[str, str]]:
     """The priors, as labels with words."""
     dispersion = priors["peculiar_dispersion"]
     is_fixed = dispersion.replace(".", "").isdigit()
@@ -272,31 +270,31 @@ def prior_facts(priors: Mapping[str, str]) -> list[tuple[str, str]]:
 _SHARP = 30.0
 
 
-def _fixed_by_prior(priors):
+def _find_names_fixed_by_prior(priors):
     """Names of the velocity where its prior is sharp: the posterior gives it back."""
     prior = priors.velocity
-    sharp = prior.gaussian and np.all(np.linalg.eigvalsh(prior.precision) * (prior.mean @ prior.mean) > _SHARP**2)
-    return ["v_x", "v_y", "v_z", "speed"] if sharp else []
+    is_sharp = prior.gaussian and np.all(np.linalg.eigvalsh(prior.precision) * (prior.mean @ prior.mean) > _SHARP**2)
+    return ["v_x", "v_y", "v_z", "speed"] if is_sharp else []
 
 
-def summary_section(result: SampleResult, facts: Sequence[tuple[str, str]] = (), given: Sequence[str] = ()) -> Section:
+def summary_section(result: SampleResult, facts: Sequence[tuple[str, str]] = (), fixed: Sequence[str] = ()) -> Section:
     """Medians and intervals of a SampleResult; those that were given are marked as priors."""
-    size, r_hat = result._effective_sizes(), result._r_hat()
-    effective = f"{min(size.values()):.0f} independent samples at least, R̂ {max(r_hat.values()):.3f} at most"
+    sizes, r_hat = result._compute_effective_sizes(), result._compute_r_hats()
+    quality = f"{min(sizes.values()):.0f} independent samples at least, R̂ {max(r_hat.values()):.3f} at most"
     rows = []
     for name, (median, low68, high68, low95, high95) in result.print_summary().items():
-        quantity = SHORT_NAMES.get(name, name) + (" (prior)" if name in given else "")
+        quantity = SHORT_NAMES.get(name, name) + (" (prior)" if name in fixed else "")
         rows.append((quantity, median, f"{low68} … {high68}", f"{low95} … {high95}", UNITS[name]))
     table = tables.table_of_rows(("quantity", "median", "68 %", "95 %", "unit"), rows)
     title = f"Posterior ({result.frame} axes, velocity toward the apex)"
-    return Section(title, [*facts, ("effective", f"{effective}; digits are those they have")], table)
+    return Section(title, [*facts, ("effective", f"{quality}; digits are those they have")], table)
 
 
-def _format_interval(row, effective):
+def _format_interval(interval, effective_size):
     """Median and limits to the digits that the Monte Carlo error of the median allows."""
-    error = np.sqrt(np.pi / 2) * row.sigma / np.sqrt(max(effective, 1.0))
+    error = np.sqrt(np.pi / 2) * interval.sigma / np.sqrt(max(effective_size, 1.0))
     digits = int(np.clip(np.floor(-np.log10(error)), -6, 12)) if np.isfinite(error) and error > 0 else 4
-    return [f"{round(value, digits):.{max(digits, 0)}f}" for value in row[:5]]
+    return [f"{round(value, digits):.{max(digits, 0)}f}" for value in interval[:5]]
 
 
 #: Samples that reach so far towards the end of an infinite prior, and their share, say that H0 has no upper limit.
@@ -305,7 +303,7 @@ _NEAR_END, _AT_END = 0.9, 0.01
 _WIDE = 1 / 3
 
 
-def _product_remarks(posterior):
+def _make_product_remarks(posterior):
     """v · H0, and one-sided limits of H0, where its error is too large for a ±."""
     if posterior.hubble_limits is None:
         return []
@@ -318,20 +316,20 @@ def _product_remarks(posterior):
     ]
 
 
-def _limit_warnings(posterior, margin=0.02, share=1e-3):
+def _find_limit_warnings(posterior, margin=0.02, share=1e-3):
     """Warnings where samples lean against a limit that neither data nor priors give."""
     prior, samples = posterior.model.priors.hubble, posterior.samples["H0"]
     lower, upper = posterior.model.priors.limits("H0")
-    lines = []
+    warnings = []
     width = margin * (upper - lower)
-    for limit, leaning, prior_limit in (
+    for limit, is_leaning, prior_limit in (
         (lower, samples < min(lower + width, lower * (1 + 5 * margin)), prior.low),
         (upper, samples > upper * (1 - margin), prior.high),
     ):
-        if np.mean(leaning) > share:
+        if np.mean(is_leaning) > share:
             origin = "of the prior" if limit == prior_limit else "of the sampler"
-            lines.append(
-                f"warning: {100 * np.mean(leaning):.2g} % of the samples lie next to H0 = {limit:g}, a limit "
+            warnings.append(
+                f"warning: {100 * np.mean(is_leaning):.2g} % of the samples lie next to H0 = {limit:g}, a limit "
                 f"{origin}: the result depends on where it is"
             )
-    return lines
+    return warnings

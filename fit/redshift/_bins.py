@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 from fit.distances import calibrate_if_known, motions_per_velocity
 from fit.methods import estimate
 from fit.normal import NormalEquations, normal_equations, solve
-from fit.redshift._solution import FLOW_MATTERS, BinnedSolution, equality_chi2, shared_flow, slope_chi2
+from fit.redshift._solution import FLOW_MATTERS, BinnedSolution, equality_chi2, make_shared_flow, slope_chi2
 from fit.results.quality import ErrorSource
 from fit.results.solution import Solution
 from fit.secular_parallax import DistanceModel
@@ -104,56 +104,56 @@ def binned(
             f"the edges of redshift bins rise from one to the next: two at least, not {edges.tolist()}"
         )
     if not (np.diff(edges) > 0).all():
-        at = int(np.argmin(np.diff(edges) > 0))
+        step = int(np.argmin(np.diff(edges) > 0))
         raise ParameterError(
-            f"the edges of redshift bins rise from one to the next, not {edges[at]} to {edges[at + 1]}"
+            f"the edges of redshift bins rise from one to the next, not {edges[step]} to {edges[step + 1]}"
         )
-    bins = len(edges) - 1
+    n_bins = len(edges) - 1
     bin_sums: dict[Any, Any]
     theory, calibration = DistanceModel(flows=flows).flow, None
     is_scaled = True
     remarks: tuple[str, ...] = ()
     if method is None:
         nearby = DistanceModel().flow if theory is None else theory
-        is_far = isinstance(field, Field | Parts) and not _flows_matter(field, edges, nearby)
+        is_far = isinstance(field, Field | Parts) and not _has_relevant_flows(field, edges, nearby)
         method = "recommended" if is_far else "least-squares"
     elif method != "least-squares":
         if not isinstance(field, Field | Parts):
             raise ParameterError(f"the method {method} needs the whole field, or parts")
-        if _flows_matter(field, edges, theory):
+        if _has_relevant_flows(field, edges, theory):
             raise ParameterError(f"near galaxies share flows: their bins are fitted by least-squares, not {method}")
     theory = theory if method == "least-squares" else None  # sources of other methods are too far for flows
     if method == "clip":
         clipped = estimate(field, modes, method, value, rng=rng)
         field, remarks = clipped.sources, (f"clipped {clipped.n_clipped} sources ({method})",)
     is_weighted = method not in ("least-squares", "clip")
-    flow = None if theory is None else shared_flow(field, edges, theory, peculiar_dispersion, n_modes)
+    flow = None if theory is None else make_shared_flow(field, edges, theory, peculiar_dispersion, n_modes)
     if isinstance(field, Field | Parts):
-        radial = peculiar_dispersion if flow is None else float(np.hypot(flow.dispersion, flow.theory.sigma))
-        calibration = calibrate_if_known(field, redshift_frame, radial)
-    sums_of = partial(normal_equations, threads=threads)
-    work = partial(_sums_by_bin, edges=edges, modes=modes, calibration=calibration, flow=flow, sums_of=sums_of)
+        radial_dispersion = peculiar_dispersion if flow is None else float(np.hypot(flow.dispersion, flow.theory.sigma))
+        calibration = calibrate_if_known(field, redshift_frame, radial_dispersion)
+    sum_normals = partial(normal_equations, threads=threads)
+    work = partial(_sum_by_bin, edges=edges, modes=modes, calibration=calibration, flow=flow, sum_normals=sum_normals)
     if isinstance(field, Parts):
         bin_sums = field.sum(work, roles=("redshift",), words="bins of redshift")
     else:
         bin_sums = reduce(add_sums, map(work, [field] if isinstance(field, Field) else field), {})
-    for b in range(bins):
-        if b not in bin_sums:
-            raise DegeneracyError(f"bin {b + 1} of {bins}, {_labels(edges)[b]}, is empty: choose other edges")
-    sums = np.array([bin_sums[b][0] for b in range(bins)])
+    for i in range(n_bins):
+        if i not in bin_sums:
+            raise DegeneracyError(f"bin {i + 1} of {n_bins}, {_label_bins(edges)[i]}, is empty: choose other edges")
+    sums = np.array([bin_sums[i][0] for i in range(n_bins)])
     counts = sums[:, 0].astype(int)
-    by_catalogue = normals = [bin_sums[b][1] for b in range(bins)]
+    catalogue_normals = normals = [bin_sums[i][1] for i in range(n_bins)]
     if is_weighted:
-        normals, is_scaled, remarks = _weighted_normals(field, modes, edges, counts, method, value, rng)
+        normals, is_scaled, remarks = _compute_weighted_normals(field, modes, edges, counts, method, value, rng)
     notes = [*drop_empty_notes(merge_notes(*bin_sums.get("notes", ()))), *remarks]
     if bin_sums.get("outside"):
         notes.append(f"left out {bin_sums['outside']} sources with redshifts outside {edges[0]:g} … {edges[-1]:g}")
-    columns = None if flow is None else [bin_sums[b][2] for b in range(bins)]
+    flow_columns = None if flow is None else [bin_sums[i][2] for i in range(n_bins)]
     solve_bins = _solve_jointly if shared_higher_degrees and modes.lmax > 1 else _solve_each_bin
-    solutions, covariance, free_modes, flow_covariance = solve_bins(normals, edges, columns)
+    solutions, covariance, free_modes, flow_covariance = solve_bins(normals, edges, flow_columns)
     if not is_scaled:  # errors are of the residuals, and χ² is still that of the catalogue's
-        pairs = zip(solutions, by_catalogue, strict=True)
-        solutions = [replace(solution, chi2=_chi2_of(normal, solution.values)) for solution, normal in pairs]
+        pairs = zip(solutions, catalogue_normals, strict=True)
+        solutions = [replace(solution, chi2=_compute_chi2(normal, solution.values)) for solution, normal in pairs]
     with np.errstate(invalid="ignore", divide="ignore"):
         mean_inverse_distance = sums[:, 3] / sums[:, 4]
     return BinnedSolution(
@@ -167,12 +167,12 @@ def binned(
         mean_inverse_distance=mean_inverse_distance,
         notes=tuple(notes),
         flow_covariance=flow_covariance,
-        flow="" if flow is None else flow.words,
+        flow="" if flow is None else flow.description,
         is_scaled=is_scaled,
     )
 
 
-def _flows_matter(field, edges, theory):
+def _has_relevant_flows(field, edges, theory):
     """Return whether sources share flows enough to change the tests of their bins."""
     return (
         theory is not None and binned(field, 1, edges, flows=theory, method="least-squares").flow_share > FLOW_MATTERS
@@ -181,24 +181,24 @@ def _flows_matter(field, edges, theory):
 
 #: From so many sources on a bin has weights of its own; and so many it needs for those of a robust fit. With 7 sources,
 #: errors over four decades and a scatter beside them, the errors came out 2.6 times too small.
-_OWN, _FEWEST = 40, 10
+_FEWEST_FOR_OWN_WEIGHTS, _FEWEST_SOURCES = 40, 10
 
 
-def _weighted_normals(field, modes, edges, counts, method, value, rng):
+def _compute_weighted_normals(field, modes, edges, counts, method, value, rng):
     """Normal equations of each bin by the weights of a robust fit, whether χ² scales their errors, and a note.
 
     The fit is the bin's own: by that of all sources, those of a bin that differs would be outliers. A few sources
     cannot tell their weights.
     """
-    if min(counts) < _FEWEST:
+    if min(counts) < _FEWEST_SOURCES:
         raise DegeneracyError(
-            f"a bin has {min(counts)} sources, and its errors need {_FEWEST}: take fewer bins, or least-squares"
+            f"a bin has {min(counts)} sources, and its errors need {_FEWEST_SOURCES}: take fewer bins, or least-squares"
         )
-    own = min(counts) >= _OWN
+    is_own = min(counts) >= _FEWEST_FOR_OWN_WEIGHTS
     lmax = None if method == "recommended" else modes
-    inside = [apply_step(field, partial(_select_bin, low=low, high=high)) for low, high in pairwise(edges)]
+    bin_fields = [apply_step(field, partial(_select_bin, low=low, high=high)) for low, high in pairwise(edges)]
     try:
-        fits = [estimate(sources, lmax, method, value, rng=rng) for sources in (inside if own else [field])]
+        fits = [estimate(sources, lmax, method, value, rng=rng) for sources in (bin_fields if is_own else [field])]
     except DegeneracyError as error:
         raise DegeneracyError(f"{error}; or take fewer bins") from None
     if any(fitted.weights is None for fitted in fits):
@@ -207,8 +207,8 @@ def _weighted_normals(field, modes, edges, counts, method, value, rng):
         raise ParameterError(
             f"bins are fitted by least-squares, clip, recommended, student or excess-noise, not {method}"
         )
-    normals = [fits[b if own else 0].equations(sources, modes) for b, sources in enumerate(inside)]
-    remark = "each bin has the weights of its own fit" if own else "bins have the weights of the fit of all sources"
+    normals = [fits[i if is_own else 0].equations(sources, modes) for i, sources in enumerate(bin_fields)]
+    remark = "each bin has the weights of its own fit" if is_own else "bins have the weights of the fit of all sources"
     return normals, all(fitted.is_scaled for fitted in fits), (f"{remark} ({method})",)
 
 
@@ -219,25 +219,25 @@ def _select_bin(field, low, high):
     return field[usable_mask(field.redshift, 0.0) & (field.redshift >= low) & (field.redshift < high)]
 
 
-def _sums_by_bin(field, edges, modes, calibration, flow, sums_of):
+def _sum_by_bin(field, edges, modes, calibration, flow, sum_normals):
     """Some sources by bin: moments of the redshifts, normal equations, columns of the flow; and what was left out."""
     try:
-        good = with_redshift(field, 0.0)
+        usable = with_redshift(field, 0.0)
     except EmptyFieldError as error:  # other parts may have some
         return {"notes": [(*field.notes, *error.notes)]}
-    classes = Classes.by_edges("z", edges, good.redshift, ends=False)
-    sums: dict[Any, Any] = {"outside": len(good) - sum(mask.sum() for _, mask in classes), "notes": [good.notes]}
-    for b, (_, mask) in enumerate(classes):
+    classes = Classes.by_edges("z", edges, usable.redshift, ends=False)
+    sums: dict[Any, Any] = {"outside": len(usable) - sum(mask.sum() for _, mask in classes), "notes": [usable.notes]}
+    for i, (_, mask) in enumerate(classes):
         if not mask.any():
             continue
-        inside = good[mask]
-        rate = motions_per_velocity(inside, calibration)
-        moments = _moments(inside, rate)
+        bin_field = usable[mask]
+        rate = motions_per_velocity(bin_field, calibration)
+        moments = _sum_moments(bin_field, rate)
         columns: tuple[Any, ...] = ()
         if flow is not None:
-            inside, further = flow.of(inside, rate, modes)
-            columns = (further,)
-        sums[b] = (moments, sums_of(inside, modes), *columns)
+            bin_field, bin_columns = flow.prepare_bin(bin_field, rate, modes)
+            columns = (bin_columns,)
+        sums[i] = (moments, sum_normals(bin_field, modes), *columns)
     return sums
 
 
@@ -250,8 +250,8 @@ def equal_information_edges(field: Field | Parts, n_bins: int) -> FloatArray:
         raise DegeneracyError(f"{sources} sources do not fill {n_bins} bins")
     inner = weighted_quantiles(
         sky,
-        partial(_usable_column, column="redshift"),
-        partial(_usable_column, column="information"),
+        partial(_select_usable_column, column="redshift"),
+        partial(_select_usable_column, column="information"),
         np.arange(1, n_bins) / n_bins,
         roles=("redshift",),
         words="bins of redshift",
@@ -264,37 +264,37 @@ def equal_information_edges(field: Field | Parts, n_bins: int) -> FloatArray:
     return edges
 
 
-def _usable_column(field, column):
+def _select_usable_column(field, column):
     """A column of the sources with a redshift; nothing where there is none."""
     return getattr(_select_bin(field, 0.0, np.inf), column)
 
 
 def _count_and_range(field):
     """Count the sources with a redshift, and list the least and the largest, one of each part."""
-    z = _usable_column(field, "redshift")
+    z = _select_usable_column(field, "redshift")
     return len(z), [z.min()] if z.size else [], [z.max()] if z.size else []
 
 
-def _moments(field, rate):
+def _sum_moments(field, rate):
     """Sources, Σw, Σwz, and beyond the flow Σw/d and Σw."""
     weight, z = field.information / 2, field.redshift
     return np.array([len(field), weight.sum(), weight @ z, AU_PER_YEAR * (weight @ rate), weight[rate > 0].sum()])
 
 
-def _solve_each_bin(normals, edges, columns):
+def _solve_each_bin(normals, edges, flow_columns):
     """Solve each bin by itself: solutions, the covariance of their noise, which modes are free, what the flow adds."""
     solutions = [_solve_bin(normal, b, edges) for b, normal in enumerate(normals)]
     covariance, flow_covariance = block_diag(*(solution.covariance for solution in solutions)), None
-    if columns is not None:
-        flow_response = [s.covariance @ x for s, x in zip(solutions, columns, strict=True)]
-        solutions = [_with_flow(s, k) for s, k in zip(solutions, flow_response, strict=True)]
-        of_all = np.concatenate(flow_response)
-        flow_covariance = of_all @ of_all.T
+    if flow_columns is not None:
+        flow_response = [s.covariance @ x for s, x in zip(solutions, flow_columns, strict=True)]
+        solutions = [_add_flow_errors(s, k) for s, k in zip(solutions, flow_response, strict=True)]
+        joint_response = np.concatenate(flow_response)
+        flow_covariance = joint_response @ joint_response.T
     return solutions, covariance, np.arange(len(normals[0].modes)), flow_covariance
 
 
-def _with_flow(solution, flow_response):
-    """A solution whose errors are right a flow that was not fitted."""
+def _add_flow_errors(solution, flow_response):
+    """A solution whose errors include a flow that was not fitted."""
     return replace(
         solution,
         covariance=solution.covariance + flow_response @ flow_response.T,
@@ -303,58 +303,58 @@ def _with_flow(solution, flow_response):
     )
 
 
-def _chi2_of(normal, values):
+def _compute_chi2(normal, values):
     """χ² of coefficients by normal equations."""
     return float(normal.chi2_null - 2 * values @ normal.rhs + values @ normal.matrix @ values)
 
 
-def _solve_jointly(normals, edges, columns):
+def _solve_jointly(normals, edges, flow_columns):
     """Degree 1 in each bin, the rest in common: one system of normal equations."""
-    modes, bins = normals[0].modes, len(normals)
+    modes, n_bins = normals[0].modes, len(normals)
     free_modes = np.array([i for i, mode in enumerate(modes) if mode.l == 1])
     common_modes = np.array([i for i, mode in enumerate(modes) if mode.l > 1])
-    for b, normal in enumerate(normals):  # a bin that cannot bear its own degree 1 is determined by name
+    for b, normal in enumerate(normals):  # a bin that cannot bear its own degree 1 is named by the error
         free_normal = NormalEquations(
             as_modes(1), normal.matrix[np.ix_(free_modes, free_modes)], normal.rhs[free_modes], 0.0, normal.n_data
         )
         _solve_bin(free_normal, b, edges)
-    size, common_slice = 6 * bins + len(common_modes), slice(6 * bins, None)
+    size, common_slice = 6 * n_bins + len(common_modes), slice(6 * n_bins, None)
     matrix, rhs = np.zeros((size, size)), np.zeros(size)
     for b, normal in enumerate(normals):
-        mine = slice(6 * b, 6 * b + 6)
-        matrix[mine, mine], rhs[mine] = normal.matrix[np.ix_(free_modes, free_modes)], normal.rhs[free_modes]
-        matrix[mine, common_slice] = normal.matrix[np.ix_(free_modes, common_modes)]
-        matrix[common_slice, mine] = matrix[mine, common_slice].T
+        block = slice(6 * b, 6 * b + 6)
+        matrix[block, block], rhs[block] = (normal.matrix[np.ix_(free_modes, free_modes)], normal.rhs[free_modes])
+        matrix[block, common_slice] = normal.matrix[np.ix_(free_modes, common_modes)]
+        matrix[common_slice, block] = matrix[block, common_slice].T
         matrix[common_slice, common_slice] += normal.matrix[np.ix_(common_modes, common_modes)]
         rhs[common_slice] += normal.rhs[common_modes]
     scale = 1 / np.sqrt(np.diag(matrix))
     scaled_matrix = matrix * np.outer(scale, scale)
     if np.linalg.eigvalsh(scaled_matrix)[0] < 1e-10:
         raise DegeneracyError(
-            f"the bins together cannot separate {len(common_modes)} common and {6 * bins} free coefficients"
+            f"the bins together cannot separate {len(common_modes)} common and {6 * n_bins} free coefficients"
         )
     covariance = np.linalg.inv(scaled_matrix) * np.outer(scale, scale)
     theta, flow_response = covariance @ rhs, None
-    if columns is not None:
-        of_common = sum(x[common_modes] for x in columns)
-        flow_response = covariance @ np.concatenate([*(x[free_modes] for x in columns), of_common])
+    if flow_columns is not None:
+        common_columns = sum(x[common_modes] for x in flow_columns)
+        flow_response = covariance @ np.concatenate([*(x[free_modes] for x in flow_columns), common_columns])
     solutions = []
     for b, normal in enumerate(normals):
-        index = np.empty(len(modes), int)
-        index[free_modes], index[common_modes] = np.arange(6 * b, 6 * b + 6), np.arange(6 * bins, size)
-        values = theta[index]
+        places = np.empty(len(modes), int)
+        places[free_modes], places[common_modes] = np.arange(6 * b, 6 * b + 6), np.arange(6 * n_bins, size)
+        values = theta[places]
         solution = Solution(
             coefficients=Coefficients(modes, values),
-            covariance=covariance[np.ix_(index, index)],
-            chi2=_chi2_of(normal, values),
+            covariance=covariance[np.ix_(places, places)],
+            chi2=_compute_chi2(normal, values),
             n_data=normal.n_data,
             frame=normal.frame,
             notes=normal.notes,
             errors_from="the catalogue, all bins together",
         )
-        solutions.append(solution if flow_response is None else _with_flow(solution, flow_response[index]))
-    of_bins = None if flow_response is None else flow_response[: 6 * bins]
-    noise, flow_covariance = covariance[: 6 * bins, : 6 * bins], None if of_bins is None else of_bins @ of_bins.T
+        solutions.append(solution if flow_response is None else _add_flow_errors(solution, flow_response[places]))
+    of_bins = None if flow_response is None else flow_response[: 6 * n_bins]
+    noise, flow_covariance = (covariance[: 6 * n_bins, : 6 * n_bins], None if of_bins is None else of_bins @ of_bins.T)
     return solutions, noise, free_modes, flow_covariance
 
 
@@ -363,10 +363,10 @@ def _solve_bin(normal, b, edges):
     try:
         return solve(normal)
     except DegeneracyError as error:
-        raise DegeneracyError(f"bin {b + 1}, {_labels(edges)[b]}: {error}; or take fewer bins") from None
+        raise DegeneracyError(f"bin {b + 1}, {_label_bins(edges)[b]}: {error}; or take fewer bins") from None
 
 
-def _labels(edges):
+def _label_bins(edges):
     return Classes.by_edges("z", edges, ends=False).labels
 
 
@@ -435,11 +435,11 @@ def permutation_test(
     field = with_redshift(field, 0.0)
     calibration = None if velocity is None else calibrate_if_known(field, redshift_frame, peculiar_dispersion)
     bin_index = np.searchsorted(binned.edges, np.asarray(field.redshift), side="right") - 1
-    inside = (bin_index >= 0) & (bin_index < len(binned))
-    field, bin_index = field[inside], bin_index[inside]
+    is_inside = (bin_index >= 0) & (bin_index < len(binned))
+    field, bin_index = field[is_inside], bin_index[is_inside]
     motions = [field.motion]
     if velocity is not None:
-        motions.append(field.motion - _parallax(field, velocity, calibration))
+        motions.append(field.motion - _compute_secular_parallax(field, velocity, calibration))
     rows = np.concatenate([harmonics(field.lon, field.lat, Modes(1)), np.stack(motions)])
     # N, the right-hand sides, and χ² of nothing, of each source.
     products = np.einsum("ikn,jkn->nij", rows, multiply_weights(field.weights, rows))
@@ -447,12 +447,12 @@ def permutation_test(
     products = products.reshape(len(field), -1)
     # By the errors as they are quoted: bins that were fitted robustly have a scale of one, whatever their χ².
     sums, sources = _sum_bins(products, bin_index, len(binned), size)
-    products /= _chi2_per_dof(sums, sources, 6)[bin_index, None]
+    products /= _compute_chi2_per_dof(sums, sources, 6)[bin_index, None]
     counts: dict[str, int] = {}
     observed: dict[str, float] = {}
     for _ in range(n_permutations + 1):
         sums, sources = _sum_bins(products, bin_index, len(binned), size)
-        statistics = _statistics(sums, sources, binned, velocity is not None)
+        statistics = _compute_statistics(sums, sources, binned, velocity is not None)
         if not observed:
             observed, counts = statistics, dict.fromkeys(statistics, 0)
         for name, chi2 in statistics.items():
@@ -461,17 +461,17 @@ def permutation_test(
     return {name: count / (n_permutations + 1) for name, count in counts.items()}
 
 
-def _statistics(sums, sources, binned_solution, with_velocity):
-    degree = {kind: np.arange(6)[Modes(1).slice_of(kind, 1)] for kind in KINDS}
+def _compute_statistics(sums, sources, binned_solution, with_velocity):
+    columns_by_kind = {kind: np.arange(6)[Modes(1).slice_of(kind, 1)] for kind in KINDS}
     values, covariance = _solve_bins(sums, sources, 6)
     statistics: dict[str, Any] = {
-        kind: equality_chi2(values[:, at], covariance[:, at][:, :, at]) for kind, at in degree.items()
+        kind: equality_chi2(values[:, at], covariance[:, at][:, :, at]) for kind, at in columns_by_kind.items()
     }
     if len(binned_solution) > 1:
         statistics["trend"] = slope_chi2(values, covariance, binned_solution.redshift)
     if with_velocity:
         values, covariance = _solve_bins(sums, sources, 7)
-        at = degree["S"]
+        at = columns_by_kind["S"]
         statistics["secular_parallax"] = equality_chi2(values[:, at], covariance[:, at][:, :, at])
     return statistics
 
@@ -482,22 +482,22 @@ def _sum_bins(products, bin_index, n_bins, size):
     return sums.reshape(-1, size, size), np.bincount(bin_index, minlength=n_bins)
 
 
-def _solve_bins(sums, sources, column):
+def _solve_bins(sums, sources, motion_column):
     """Coefficients of each bin, and their covariance times the bin's χ²/dof."""
     inverse = np.linalg.inv(sums[:, :6, :6])
-    values = np.einsum("bij,bj->bi", inverse, sums[:, :6, column])
-    return values, inverse * _chi2_per_dof(sums, sources, column)[:, None, None]
+    values = np.einsum("bij,bj->bi", inverse, sums[:, :6, motion_column])
+    return values, inverse * _compute_chi2_per_dof(sums, sources, motion_column)[:, None, None]
 
 
-def _chi2_per_dof(sums, sources, column):
+def _compute_chi2_per_dof(sums, sources, motion_column):
     """The χ²/dof of degree 1 in each bin; 1 where there are no degrees of freedom."""
-    rhs = sums[:, :6, column]
+    rhs = sums[:, :6, motion_column]
     fitted = np.einsum("bi,bi->b", rhs, np.linalg.solve(sums[:, :6, :6], rhs[:, :, None])[:, :, 0])
-    chi2, dof = sums[:, column, column] - fitted, 2 * sources - 6
+    chi2, dof = sums[:, motion_column, motion_column] - fitted, 2 * sources - 6
     return np.where(dof > 0, chi2 / np.maximum(dof, 1), 1.0)
 
 
-def _parallax(field, velocity, calibration):
+def _compute_secular_parallax(field, velocity, calibration):
     """The motions by our velocity, (2, n); none within the flow. [µas/yr]"""
     velocity = velocity_in_frame(velocity, field.frame).value
     p, q, _ = triad(field.lon, field.lat)

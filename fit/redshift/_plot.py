@@ -29,11 +29,11 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: OnAx
             _draw_component(components, i, positions, values, errors, symbol)
         components.axhline(0, color="0.7", linewidth=0.6, zorder=0)
         components.set_ylabel(f"{name}  [µas/yr]")
-        sizes, across = (
+        amplitudes_and_errors, redshift_errors = (
             np.transpose([(v.amplitude, v.amplitude_error) for v in vectors]),
             [z - edges[:-1], edges[1:] - z],
         )
-        amplitude.errorbar(z, *sizes, xerr=across, fmt="s", color="0.25", label="as fitted")
+        amplitude.errorbar(z, *amplitudes_and_errors, xerr=redshift_errors, fmt="s", color="0.25", label="as fitted")
         debiased = [v.debiased_amplitude for v in vectors]
         amplitude.plot(
             z, debiased, "D", color="0.5", mfc="w", ms=3.5, mew=0.8, label="noise-debiased", zorder=4, clip_on=False
@@ -87,8 +87,8 @@ def _draw_prediction(binned_solution, velocity, axes_pair):
     lower, upper = zip(
         *[(v.value - v.sigma, v.value + v.sigma) for v in (s.acceleration for s in binned_solution.solutions)]
     )
-    reach = np.ptp([np.min(lower), np.max(upper)])
-    components.set_ylim(np.min(lower) - 0.3 * reach, np.max(upper) + 0.3 * reach)
+    value_range = np.ptp([np.min(lower), np.max(upper)])
+    components.set_ylim(np.min(lower) - 0.3 * value_range, np.max(upper) + 0.3 * value_range)
     top = max(s.acceleration.amplitude + s.acceleration.amplitude_error for s in binned_solution.solutions)
     amplitude.set_ylim(0, 1.3 * top)
 
@@ -97,9 +97,9 @@ def _draw_prediction(binned_solution, velocity, axes_pair):
 def plot_trend(trend: Any, *, ax: Axes | None = None) -> Axes:
     """Slopes of spin and acceleration with redshift."""
     (axes,) = panels(ax)
-    for at, (vector, symbol) in enumerate(((trend.spin, "ω"), (trend.acceleration, "ã"))):
+    for place, (vector, symbol) in enumerate(((trend.spin, "ω"), (trend.acceleration, "ã"))):
         for i, (value, error) in enumerate(zip(vector.value, vector.sigma, strict=True)):
-            _draw_component(axes, i, at + (i - 1) * 0.15, value, error, symbol)
+            _draw_component(axes, i, place + (i - 1) * 0.15, value, error, symbol)
     axes.axhline(0, color="0.7", linewidth=0.6, zorder=0)
     axes.set_xticks([0, 1], ["spin", "acceleration"])
     axes.set(xlim=(-0.5, 1.5), ylabel="slope  [µas/yr per unit of x]")

@@ -96,16 +96,16 @@ class Trend(Result):
         return plot_trend(self, ax=ax)
 
 
-def welch(binned: Any, steps: int) -> tuple[float, float]:
+def compute_welch_correction(binned: Any, steps: int) -> tuple[float, float]:
     """Divisor of a scaled χ², and the degrees of freedom of its scale (Welch 1951), for `steps` contrasts."""
-    weight, dof = weights_and_dof(binned)
+    weight, dof = compute_weights_and_dof(binned)
     share = weight / weight.sum()
     welch_sum = np.sum((1 - share) ** 2 / dof)
-    k = steps + 1
-    return 1 + 2 * (k - 2) / (k * k - 1) * welch_sum, (k * k - 1) / (3 * welch_sum)
+    n_means = steps + 1
+    return 1 + 2 * (n_means - 2) / (n_means * n_means - 1) * welch_sum, (n_means * n_means - 1) / (3 * welch_sum)
 
 
-def weights_and_dof(binned: Any) -> tuple[FloatArray, FloatArray]:
+def compute_weights_and_dof(binned: Any) -> tuple[FloatArray, FloatArray]:
     """Weight of each bin with scaled errors, and the degrees of freedom of its scale."""
     weight = 1 / np.diag(binned.covariance).reshape(len(binned), -1).sum(1) / binned.scales
     return weight, np.array([max(s.dof, 1) for s in binned.solutions])
@@ -120,8 +120,8 @@ def estimated_slope_chi2(estimate: tuple[FloatArray, float, FloatArray], q: int)
 def equality_chi2(values: FloatArray, covariance: FloatArray) -> float:
     """χ² of the differences of independent bins: values (B, q), covariance (B, q, q)."""
     weight = np.linalg.inv(covariance)
-    pull = np.einsum("bij,bj->bi", weight, values)
-    return float(np.sum(values * pull) - pull.sum(0) @ np.linalg.solve(weight.sum(0), pull.sum(0)))
+    weighted = np.einsum("bij,bj->bi", weight, values)
+    return float(np.sum(values * weighted) - weighted.sum(0) @ np.linalg.solve(weight.sum(0), weighted.sum(0)))
 
 
 def slope_chi2(values: FloatArray, covariance: FloatArray, x: FloatArray) -> float:
@@ -147,51 +147,51 @@ class SharedFlow:
     dispersion: float
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Description for a report."""
         modes = f"{len(self.modes)} modes of {self.theory.name}"
         return f"{modes}, and an independent dispersion of {self.dispersion:g} km/s"
 
-    def of(self, field: Field, rate: FloatArray, modes: Modes) -> tuple[Field, FloatArray]:
+    def prepare_bin(self, field: Field, rate: FloatArray, modes: Modes) -> tuple[Field, FloatArray]:
         """Sources with errors that hold their own motions, and X (p, m) of those within reach of the flow."""
-        indices = np.flatnonzero(rate > 0)
-        distance = hubble_value(FLAT_PLANCK13) / 100 / (AU_PER_YEAR * rate[indices])
-        residual_variance = np.full(indices.size, self.theory.sigma**2)
-        reach = distance <= self.modes.radii[-1]
-        residual_variance[reach] = self.modes.left(distance[reach])[0]
+        source_indices = np.flatnonzero(rate > 0)
+        distance = hubble_value(FLAT_PLANCK13) / 100 / (AU_PER_YEAR * rate[source_indices])
+        residual_variance = np.full(source_indices.size, self.theory.sigma**2)
+        is_within_reach = distance <= self.modes.radii[-1]
+        residual_variance[is_within_reach] = self.modes.left(distance[is_within_reach])[0]
         motion_variance = np.zeros(len(field))
-        motion_variance[indices] = rate[indices] ** 2 * (residual_variance + self.dispersion**2)
+        motion_variance[source_indices] = rate[source_indices] ** 2 * (residual_variance + self.dispersion**2)
         sigma = np.sqrt(field.sigma**2 + motion_variance)
         field = field.with_errors(sigma, field.rho * np.prod(field.sigma, 0) / np.prod(sigma, 0))
-        indices, distance = indices[reach], distance[reach]
-        total = np.zeros((len(modes), len(self.modes)))
+        source_indices, distance = source_indices[is_within_reach], distance[is_within_reach]
+        flow_columns = np.zeros((len(modes), len(self.modes)))
         a, b, c = field.weights
-        for start in range(0, indices.size, _BLOCK):
-            rows, block_distance = indices[start : start + _BLOCK], distance[start : start + _BLOCK]
+        for start in range(0, source_indices.size, _BLOCK):
+            rows, block_distance = source_indices[start : start + _BLOCK], distance[start : start + _BLOCK]
             east, north = self.modes.at(field.lon[rows], field.lat[rows], block_distance)[0] * rate[rows, None]
             basis = harmonics(field.lon[rows], field.lat[rows], modes)
-            total += (basis[:, 0] * a[rows] + basis[:, 1] * c[rows]) @ east
-            total += (basis[:, 0] * c[rows] + basis[:, 1] * b[rows]) @ north
-        return field, total
+            flow_columns += (basis[:, 0] * a[rows] + basis[:, 1] * c[rows]) @ east
+            flow_columns += (basis[:, 0] * c[rows] + basis[:, 1] * b[rows]) @ north
+        return field, flow_columns
 
 
-def _counts(field, lower, upper):
+def _tabulate_flow(field, low, high):
     if field.redshift is None:
         return 0.0
-    inside = usable_mask(field.redshift) & (field.redshift >= lower) & (field.redshift < upper)
-    return flow_information(field.redshift[inside], field.information[inside]) if inside.any() else 0.0
+    is_inside = usable_mask(field.redshift) & (field.redshift >= low) & (field.redshift < high)
+    return flow_information(field.redshift[is_inside], field.information[is_inside]) if is_inside.any() else 0.0
 
 
-def shared_flow(
+def make_shared_flow(
     field: Any, edges: FloatArray, theory: LinearTheory, dispersion: float | None, n_modes: int
 ) -> SharedFlow | None:
     """The flow of the sources between some redshifts; None where they are all beyond its reach."""
-    lower, upper = max(edges[0], FLOW_LIMIT), max(edges[-1], FLOW_LIMIT)
+    low, high = max(edges[0], FLOW_LIMIT), max(edges[-1], FLOW_LIMIT)
     if isinstance(field, Field | Parts):
-        counts = as_parts(field).sum(partial(_counts, lower=lower, upper=upper), roles=("redshift",), words="redshifts")
-        if np.any(counts):
-            lower, upper = flow_limits(counts)
-    modes = modes_within((lower, upper), FLAT_PLANCK13, theory, n_modes)
+        table = as_parts(field).sum(partial(_tabulate_flow, low=low, high=high), roles=("redshift",), words="redshifts")
+        if np.any(table):
+            low, high = flow_limits(table)
+    modes = modes_within((low, high), FLAT_PLANCK13, theory, n_modes)
     return None if modes is None else SharedFlow(theory, modes, LEFT_DISPERSION if dispersion is None else dispersion)
 
 
@@ -201,7 +201,7 @@ _REMARKABLE = 0.0027
 _MANY = 100_000
 
 
-def _tests_section(binned_solution, velocity, p_values):
+def _make_tests_section(binned_solution, velocity, p_values):
     """Section on whether the bins differ, each hypothesis with its p-values."""
     tests = {"T": ("spin alike in all bins", binned_solution.equality("T", 1))}
     tests["S"] = ("acceleration alike in all bins", binned_solution.equality("S", 1))
@@ -217,12 +217,12 @@ def _tests_section(binned_solution, velocity, p_values):
             verdict = "contradicted" if np.fmax(test.p_value, p) < _REMARKABLE else "not contradicted"
             rows.append((hypothesis, test.quoted, test.dof, test.p_value_quoted, test.p_value, p, verdict))
     heads = ("hypothesis", "χ²", "dof", "p_value formal", "p_value scaled", "p_value permuted", "verdict")
-    remarks = [f"permuted: {reason}"] if (reason := _why_not_permuted(binned_solution, p_values)) else []
+    remarks = [f"permuted: {reason}"] if (reason := _explain_no_permutation(binned_solution, p_values)) else []
     table, forms = tables.table_of_rows(heads, rows), {"χ²": ".2f"}
     return Section("Do the bins differ?", (), table, forms=forms, remarks=remarks, notes=binned_solution.notes)
 
 
-def _why_not_permuted(binned_solution, p_values):
+def _explain_no_permutation(binned_solution, p_values):
     """Reason why redshifts were not permuted; nothing where they were."""
     if p_values is not None or len(binned_solution) == 1:
         return ""
@@ -328,8 +328,8 @@ class BinnedSolution(Result):
         """The largest share of flows in the variance of any combination of the bins' coefficients; 0 without flows."""
         if self.flow_covariance is None:
             return 0.0
-        size = float(eigh(self.flow_covariance, self.covariance, eigvals_only=True)[-1])
-        return size / (1 + size)
+        variance_ratio = float(eigh(self.flow_covariance, self.covariance, eigvals_only=True)[-1])
+        return variance_ratio / (1 + variance_ratio)
 
     def equality(self, kind: Kind | None = None, l: int | None = None) -> ChiSquare:
         """Are all bins alike? χ² of their differences, with the full covariance.
@@ -377,18 +377,18 @@ class BinnedSolution(Result):
             raise ParameterError(f"a trend needs a finite x for each of the {len(self)} bins")
         if len(self) < 2 or np.ptp(x) == 0:
             raise ParameterError("a trend needs at least two bins")
-        line = np.stack([np.ones(len(self)), x - x.mean()], 1)
-        misfit, scaled, quoted, free_modes = self._compare_with_model(None, 1 if first else None, line)
+        design = np.stack([np.ones(len(self)), x - x.mean()], 1)
+        misfit, scaled, quoted, free_modes = self._compare_with_model(None, 1 if first else None, design)
         q = len(free_modes)
-        slopes, error = quoted[0][q:], quoted[2][q:, q:]
-        spin, acceleration = (_vector(self.modes, kind, slopes, error, free_modes, self.frame) for kind in KINDS)
+        slopes, matrix = quoted[0][q:], quoted[2][q:, q:]
+        spin, acceleration = (_make_vector(self.modes, kind, slopes, matrix, free_modes, self.frame) for kind in KINDS)
         chi2_pair = estimated_slope_chi2(scaled, q), estimated_slope_chi2(quoted, q)
         # Satterthwaite's (1946) degrees of freedom of a slope's scale, from each bin's share in its variance.
-        weight, dof = weights_and_dof(self)
+        weight, dof = compute_weights_and_dof(self)
         shares = weight * (x - weight @ x / weight.sum()) ** 2
         p = f_p_value(chi2_pair[0], q, shares.sum() ** 2 / np.sum(shares**2 / dof))
         test = ChiSquare(chi2_pair[0], q, p, chi2_pair[1], float(chdtrc(q, chi2_pair[1])))
-        return Trend(slopes=slopes, covariance=error, test=test, misfit=misfit, spin=spin, acceleration=acceleration)
+        return Trend(slopes=slopes, covariance=matrix, test=test, misfit=misfit, spin=spin, acceleration=acceleration)
 
     def secular_parallax(self, velocity: Vector) -> tuple[Vector, ChiSquare]:
         """The acceleration that, with the secular parallax of a known velocity, fits the bins best.
@@ -413,10 +413,10 @@ class BinnedSolution(Result):
             raise ParameterError(
                 "a secular parallax needs a distance in every bin, and some bin has no source with z ≥ 1e-4"
             )
-        rows = FIRST_DEGREE @ -velocity.to_frame(self.frame).value / AU_PER_YEAR
-        parallaxes = np.outer(self.mean_inverse_distance, rows)
-        test, _, (theta, _, error), free_modes = self._compare_with_model("S", 1, np.ones((len(self), 1)), parallaxes)
-        return _vector(self.modes, "S", theta, error, free_modes, self.frame), test
+        parallax_per_inverse_distance = FIRST_DEGREE @ -velocity.to_frame(self.frame).value / AU_PER_YEAR
+        parallaxes = np.outer(self.mean_inverse_distance, parallax_per_inverse_distance)
+        test, _, (theta, _, matrix), free_modes = self._compare_with_model("S", 1, np.ones((len(self), 1)), parallaxes)
+        return _make_vector(self.modes, "S", theta, matrix, free_modes, self.frame), test
 
     def vectors(self, name: Literal["spin", "acceleration"]) -> list[Vector]:
         """The spin or the acceleration of each bin, with the errors that are printed.
@@ -492,7 +492,7 @@ class BinnedSolution(Result):
                 table[f"|{name}| [µas/yr]"] = [format_amplitude(vector) for vector in self.vectors(name)]
         columns = [name for name in table.colnames if long or not name.startswith(("spin", "acceleration"))]
         bins_section = Section(title, (), table, columns, forms={"chi2_dof": ".2f"}, remarks=warnings)
-        return (bins_section, _tests_section(self, velocity, p_values))
+        return (bins_section, _make_tests_section(self, velocity, p_values))
 
     def shared(self, degrees: Iterable[int] | None = None, **options: Any) -> ClassComparison:
         """Spin and acceleration of the bins with common systematic errors, from the power of their higher degrees.
@@ -545,12 +545,12 @@ class BinnedSolution(Result):
     def _select_coefficients(self, kind, l):
         """Values (B, q) of some of the free coefficients, their covariance, which they are, and what of it is noise."""
         modes = list(self.modes)
-        keep = [i for i, k in enumerate(self.free) if kind in (None, modes[k].kind) and l in (None, modes[k].l)]
-        if not keep:
+        places = [i for i, k in enumerate(self.free) if kind in (None, modes[k].kind) and l in (None, modes[k].l)]
+        if not places:
             raise ParameterError(f"no free coefficients of kind {kind} and degree {l} in the bins")
-        free_modes = self.free[keep]
+        free_modes = self.free[places]
         q, bins = len(self.free), len(self)
-        index = (np.arange(bins)[:, None] * q + keep).ravel()
+        index = (np.arange(bins)[:, None] * q + places).ravel()
         values = np.stack([solution.coefficients.values[free_modes] for solution in self.solutions])
         noise = self.covariance[np.ix_(index, index)]
         total = noise if self.flow_covariance is None else noise + self.flow_covariance[np.ix_(index, index)]
@@ -568,13 +568,13 @@ class BinnedSolution(Result):
         quoted_estimate = gls(values - model, covariance, design)
         steps, test = len(self) - design.shape[1], ChiSquare(0.0, 0, float("nan"), 0.0, float("nan"))
         if dof := steps * q:
-            factor, denominator = welch(self, steps)
+            factor, denominator = compute_welch_correction(self, steps)
             chi2, quoted = scaled_estimate[1] / factor, quoted_estimate[1]
             test = ChiSquare(chi2, dof, f_p_value(chi2, dof, denominator), quoted, float(chdtrc(dof, quoted)))
         return test, scaled_estimate, quoted_estimate, free_modes
 
 
-def _vector(modes, kind, values, covariance, free_modes, frame):
+def _make_vector(modes, kind, values, covariance, free_modes, frame):
     """A vector from those of the values that belong to degree 1 of a kind."""
-    at = np.searchsorted(free_modes, np.arange(len(modes))[modes.slice_of(kind, 1)])
-    return vector_of(FIRST_DEGREE, values[at], covariance[np.ix_(at, at)], frame, "µas/yr")
+    places = np.searchsorted(free_modes, np.arange(len(modes))[modes.slice_of(kind, 1)])
+    return vector_of(FIRST_DEGREE, values[places], covariance[np.ix_(places, places)], frame, "µas/yr")

@@ -100,8 +100,8 @@ def log_p_value(chi2: float, dof: float) -> float:
     a, x = dof / 2, chi2 / 2
     term = total = 1.0
     for k in range(1, 1_000_000):
-        before, term = term, term * (a - k) / x
-        if abs(term) < 1e-17 * abs(total) or abs(term) > abs(before):
+        previous_term, term = term, term * (a - k) / x
+        if abs(term) < 1e-17 * abs(total) or abs(term) > abs(previous_term):
             break
         total += term
     return (a - 1) * np.log(x) - x - gammaln(a) + np.log(total)
@@ -148,19 +148,19 @@ def hint_of(p: float) -> str:
 
 def gls(values: FloatArray, covariance: FloatArray, design: FloatArray) -> tuple[FloatArray, float, FloatArray]:
     """Generalised least squares of values (B, q) = design (B, k) · θ (k, q): θ flat, χ² and θ's covariance."""
-    full = np.kron(design, np.eye(values.shape[1]))
+    full_design = np.kron(design, np.eye(values.shape[1]))
     y = values.ravel()
-    products = np.linalg.solve(covariance, np.column_stack([full, y]))
-    theta_covariance = np.linalg.inv(full.T @ products[:, :-1])
-    theta = theta_covariance @ (full.T @ products[:, -1])
-    least = float(y @ products[:, -1] - theta @ (full.T @ products[:, -1]))
-    return theta, least, theta_covariance
+    products = np.linalg.solve(covariance, np.column_stack([full_design, y]))
+    theta_covariance = np.linalg.inv(full_design.T @ products[:, :-1])
+    theta = theta_covariance @ (full_design.T @ products[:, -1])
+    chi2 = float(y @ products[:, -1] - theta @ (full_design.T @ products[:, -1]))
+    return theta, chi2, theta_covariance
 
 
-def solution_of(result: Any, function: str) -> Any:
+def solution_of(result: Any, attribute: str) -> Any:
     """The solution for coefficients that a result is about, or the result itself where it is one."""
     solution = getattr(result, "solution", result)
     if not hasattr(solution, "error_source"):  # coefficients with a covariance say where it is from
-        hint = f": use its own, .{function}" if hasattr(solution, function) else ""
-        raise ParameterError(f"{function} is for solutions for coefficients, not a {type(solution).__name__}{hint}")
+        hint = f": use its own, .{attribute}" if hasattr(solution, attribute) else ""
+        raise ParameterError(f"{attribute} is for solutions for coefficients, not a {type(solution).__name__}{hint}")
     return solution

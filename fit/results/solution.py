@@ -20,8 +20,8 @@ from fit.results.storage import (
     checked_strings,
     coefficient_columns,
     decode_value,
-    encode,
-    number,
+    encode_value,
+    from_hex,
     to_hex,
 )
 from vsh.coefficients import FIRST_DEGREE, Coefficients, vector_of
@@ -75,7 +75,7 @@ class LinearSolution(Result):
 
     def __getitem__(self, name: str) -> Any:
         """A vector ("spin", "acceleration", "orientation") as a Vector, or a parameter as (value, sigma)."""
-        vectors, names = ["spin", "acceleration", "orientation"], [str(candidate) for candidate in self.names]
+        vectors, names = ["spin", "acceleration", "orientation"], [str(word) for word in self.names]
         if name in vectors:
             with suppress(AttributeError, ValueError):  # what is not among the parameters of a solution
                 if (vector := getattr(self, name)) is not None:
@@ -83,7 +83,7 @@ class LinearSolution(Result):
         if name in names:
             index = names.index(name)
             return float(self.values[index]), float(self.sigma[index])
-        near = [each for each in get_close_matches(str(name), [*vectors, *names], n=3) if each != name]
+        near = [word for word in get_close_matches(str(name), [*vectors, *names], n=3) if word != name]
         hint = f": is it {' or '.join(near)}?" if near else ""
         raise ParameterError(f"nothing of this solution is called {name!r}{hint}")
 
@@ -130,7 +130,7 @@ class LinearSolution(Result):
         return field.minus(self.model(field))
 
 
-def at_sources(coefficients: Coefficients, field: Field) -> FloatArray:
+def predict_motions(coefficients: Coefficients, field: Field) -> FloatArray:
     """The motions of coefficients at the sources of a field, (2, n); by the transform for many of them."""
     if len(field) < 10_000:
         return coefficients.at(field.lon, field.lat)
@@ -215,9 +215,9 @@ class Solution(LinearSolution):
     _coefficients = Coefficients
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self._lines()}>"
+        return f"<{type(self).__name__}: {self._format_repr()}>"
 
-    def _lines(self):
+    def _format_repr(self):
         """Lines of the repr: what was fitted, and its vectors, a line each."""
         heading = f"degree {self.modes.lmax}, {self.n_sources} sources, {self.frame}, errors: {self.error_source.value}"
         heading += " and systematic floor" * self.includes_floor
@@ -319,17 +319,17 @@ class Solution(LinearSolution):
 
     def model(self, field: Any) -> FloatArray:
         """Predict the motions at the sources of `field`, (2, n), or (n,) of a scalar field. [µas/yr]"""
-        return at_sources(self.coefficients, field)
+        return predict_motions(self.coefficients, field)
 
     @property
     def spin(self) -> Vector:
         """The spin ω of the frame, a Vector. [µas/yr]"""
-        return self._first_degree("T", FIRST_DEGREE)
+        return self._make_first_degree_vector("T", FIRST_DEGREE)
 
     @property
     def acceleration(self) -> Vector:
         """The acceleration ã of the Solar System, in apparent motion, a Vector. [µas/yr]"""
-        return self._first_degree("S", FIRST_DEGREE)
+        return self._make_first_degree_vector("S", FIRST_DEGREE)
 
     def power(self, kind: Kind | None = None, l: int | None = None, *, debiased: bool = True) -> Any:
         """Power of one `kind` and degree `l`, ∫ |V_l|² dΩ, `debiased` or not; of all without either. [(µas/yr)²]
@@ -338,16 +338,16 @@ class Solution(LinearSolution):
         unless `debiased` is false, so that a small power may come out negative.
         """
         if kind is None:
-            return np.array([self.power(each, l, debiased=debiased) for each in self.modes.kinds])
+            return np.array([self.power(each_kind, l, debiased=debiased) for each_kind in self.modes.kinds])
         if l is None:
             return np.array([self.power(kind, degree, debiased=debiased) for degree in np.unique(self.modes.degrees)])
         values, _ = self.of_degree(kind, l)
-        power = float(self._power_weights(l) @ values**2)
+        power = float(self._compute_power_weights(l) @ values**2)
         return power - self.noise_power(kind, l) if debiased else power
 
     def noise_power(self, kind: Kind, l: int) -> float:
         """The power of `kind` and degree `l` that noise alone gives on average. [(µas/yr)²]"""
-        return float(np.trace(self._weighted_covariance(kind, l)))
+        return float(np.trace(self._compute_weighted_covariance(kind, l)))
 
     def power_error(self, kind: Kind, l: int) -> float:
         """Standard error of the power of `kind` and degree `l`. [(µas/yr)²]
@@ -357,9 +357,9 @@ class Solution(LinearSolution):
         significant at 5 %: otherwise errors of powers without a signal come out a quarter too large.
         """
         values, covariance = self.of_degree(kind, l)
-        wc = self._weighted_covariance(kind, l)
+        wc = self._compute_weighted_covariance(kind, l)
         wcwc = np.trace(wc @ wc)
-        wc_c = self._power_weights(l) * values
+        wc_c = self._compute_power_weights(l) * values
         signal = max(0.0, wc_c @ covariance @ wc_c - wcwc)
         if not self.p_value(kind, l) <= 0.05:
             signal = 0.0
@@ -381,15 +381,15 @@ class Solution(LinearSolution):
         values, covariance = self.of_degree(kind, l)
         return float(values @ np.linalg.solve(covariance, values))
 
-    def _first_degree(self, kind, rows):
-        vector = vector_of(rows, *self.of_degree(kind, 1), self.frame, self.unit)
+    def _make_first_degree_vector(self, kind, design):
+        vector = vector_of(design, *self.of_degree(kind, 1), self.frame, self.unit)
         return replace(vector, dof=self.covariance_dof)
 
-    def _weighted_covariance(self, kind, l):
-        return self._power_weights(l)[:, None] * self.of_degree(kind, l)[1]
+    def _compute_weighted_covariance(self, kind, l):
+        return self._compute_power_weights(l)[:, None] * self.of_degree(kind, l)[1]
 
     @staticmethod
-    def _power_weights(l):
+    def _compute_power_weights(l):
         return np.array([1.0] + 2 * l * [2.0])
 
     def summary(self) -> Table:
@@ -397,7 +397,7 @@ class Solution(LinearSolution):
         from fit.results.output import vectors_of
 
         formal = vectors_of(self.formal)
-        rows = self._mean_row() + [
+        rows = self._list_mean_rows() + [
             (f"{name}_{axis}", value, error, formal_error, value - error, value + error)
             for name, vector in vectors_of(self).items()
             for axis, value, error, formal_error in zip(
@@ -407,7 +407,7 @@ class Solution(LinearSolution):
         names = ("parameter", "value", "error", "formal_error", "low_68", "high_68")
         return tables.table_of_rows(names, rows, {"frame": self.frame}, dict.fromkeys(names[1:], self.unit))
 
-    def _mean_row(self):
+    def _list_mean_rows(self):
         """The row of the mean, of a scalar field alone."""
         return []
 
@@ -441,16 +441,16 @@ class Solution(LinearSolution):
         rng : Generator or int
             The source of all randomness.
         """
-        random, values = generator(rng), self.coefficients.values
-        draws = random.multivariate_normal(np.zeros(len(values)), self.covariance, size=whole("n", n))
+        random_generator, values = generator(rng), self.coefficients.values
+        draws = random_generator.multivariate_normal(np.zeros(len(values)), self.covariance, size=whole("n", n))
         if np.isfinite(self.covariance_dof):
-            draws /= np.sqrt(random.chisquare(self.covariance_dof, (n, 1)) / self.covariance_dof)
+            draws /= np.sqrt(random_generator.chisquare(self.covariance_dof, (n, 1)) / self.covariance_dof)
         return values + draws
 
     @property
     def aic(self) -> float:
         """Akaike's information criterion, χ² + 2k, up to a constant of the data: smaller is better."""
-        return self._penalised_chi2(2)
+        return self._compute_penalised_chi2(2)
 
     @property
     def bic(self) -> float:
@@ -458,9 +458,9 @@ class Solution(LinearSolution):
 
         It compares degrees by the catalogue's errors.
         """
-        return self._penalised_chi2(np.log(self.n_data))
+        return self._compute_penalised_chi2(np.log(self.n_data))
 
-    def _penalised_chi2(self, penalty):
+    def _compute_penalised_chi2(self, penalty):
         """χ² with a penalty for each coefficient that the data determine."""
         return float(self.chi2 + penalty * (len(self.coefficients.values) - self.by_prior))
 
@@ -511,8 +511,8 @@ class Solution(LinearSolution):
         factor = self.quality.factor
         if factor == 1.0 or self.error_source != ErrorSource.CATALOGUE:
             return self
-        text = f"the catalogue, times {factor:.3g}"
-        return with_errors(self, self.covariance * factor**2, text, ErrorSource.SCALED)
+        errors_from = f"the catalogue, times {factor:.3g}"
+        return with_errors(self, self.covariance * factor**2, errors_from, ErrorSource.SCALED)
 
     def __post_init__(self) -> None:
         """Check what a file or a caller may have mixed up."""
@@ -545,7 +545,7 @@ class Solution(LinearSolution):
         metadata: dict[str, Any] = {"lmax": self.modes.lmax, "notes": list(map(str, self.notes))}
         metadata["note_codes"] = list(codes_of(self.notes))
         attributes = {name: getattr(self, name) for name in self._plain_names()}
-        metadata |= {name: to_hex(x) if isinstance(x, float) else encode(x) for name, x in attributes.items()}
+        metadata |= {name: to_hex(x) if isinstance(x, float) else encode_value(x) for name, x in attributes.items()}
         return columns | {"covariance": self.covariance}, metadata, self._units
 
     @staticmethod
@@ -566,17 +566,17 @@ class Solution(LinearSolution):
     @classmethod
     def _unpack(cls, columns, metadata):
         float_array("value", columns["value"])
-        return cls(**cls._plain(columns, metadata))
+        return cls(**cls._decode_attributes(columns, metadata))
 
     @classmethod
-    def _plain(cls, columns, metadata):
+    def _decode_attributes(cls, columns, metadata):
         """Attributes of every solution."""
         known = {"floor": None, "formal_covariance": None} | metadata  # which older files lack
         plain = {name: decode_value(known[name]) for name in cls._plain_names()}
-        plain |= {name: number(plain[name]) for name in ("chi2", "covariance_dof", "by_prior")}
+        plain |= {name: from_hex(plain[name]) for name in ("chi2", "covariance_dof", "by_prior")}
         plain |= {name: str(plain[name]) for name in ("errors_from", "unit")}
         plain |= {name: plain[name] is True for name in ("includes_floor", "is_recommended")}
-        plain["n_data"], plain["frame"] = checked_count(plain["n_data"]), check_frame(plain["frame"])
+        plain["n_data"], plain["frame"] = (checked_count(plain["n_data"]), check_frame(plain["frame"]))
         plain["notes"] = add_codes(checked_strings(metadata["notes"]), checked_strings(metadata["note_codes"]))
         coefficients = cls._coefficients(metadata["lmax"], columns["value"])
         return plain | {"coefficients": coefficients, "covariance": columns["covariance"]}
@@ -603,14 +603,14 @@ class ScalarSolution(Solution):
         """The mean over the sky with its error, f_00/√4π; for degree 0 the weighted mean of the sources."""
         return float(self.values[0] / np.sqrt(4 * np.pi)), float(self.sigma[0] / np.sqrt(4 * np.pi))
 
-    def _mean_row(self):
+    def _list_mean_rows(self):
         (value, error), formal = self.mean, float(self.formal.sigma[0] / np.sqrt(4 * np.pi))
         return [("mean", value, error, formal, value - error, value + error)]
 
     @property
     def dipole(self) -> Vector:
         """d of the part d·r, a Vector in `unit`."""
-        return self._first_degree("F", DIPOLE)
+        return self._make_first_degree_vector("F", DIPOLE)
 
 
 class AboutSolution(Result):
@@ -619,7 +619,7 @@ class AboutSolution(Result):
     solution: Solution
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self.quoted._lines()}>"
+        return f"<{type(self).__name__}: {self.quoted._format_repr()}>"
 
     @property
     def quoted(self) -> Solution:
@@ -649,8 +649,8 @@ class AboutSolution(Result):
     def __getattr__(self, name: str) -> Any:
         """Whatever else a solution answers for: with the errors of this result."""
         if "solution" in vars(self):
-            kind = type(self.solution)
-            if name in kind.__dataclass_fields__ or hasattr(kind, name):
+            solution_class = type(self.solution)
+            if name in solution_class.__dataclass_fields__ or hasattr(solution_class, name):
                 return getattr(self.quoted, name)
         return super().__getattr__(name)  # type: ignore[misc]
 
@@ -701,7 +701,7 @@ class NamedSolution(LinearSolution):
         columns = {"parameter": list(self.names), "value": self.values, "sigma": self.sigma}
         columns["covariance"] = self.covariance
         others = [entry.name for entry in fields(self) if entry.name not in ("names", "values", "covariance")]
-        return columns, {"fields": {name: encode(getattr(self, name)) for name in others}}, {}
+        return columns, {"fields": {name: encode_value(getattr(self, name)) for name in others}}, {}
 
     @classmethod
     def _unpack(cls, columns, metadata):

@@ -56,7 +56,7 @@ def spectrum(solution: Any) -> list[Degree]:
     """
     solution = solution_of(solution, "spectrum")
     modes = solution.modes
-    return [_degree(solution, kind, l) for kind in modes.kinds for l in range(modes.lowest, modes.lmax + 1)]
+    return [_compute_degree(solution, kind, l) for kind in modes.kinds for l in range(modes.lowest, modes.lmax + 1)]
 
 
 def wilson_hilferty(w: float, n: float) -> float:
@@ -64,7 +64,7 @@ def wilson_hilferty(w: float, n: float) -> float:
     return np.sqrt(4.5 * n) * (np.cbrt(w / n) - (1 - 2 / (9 * n)))
 
 
-def _degree(solution, kind, l):
+def _compute_degree(solution, kind, l):
     n = 2 * l + 1
     w = solution.chi2_of_degree(kind, l)
     p_value = solution.p_value(kind, l)
@@ -77,13 +77,13 @@ def _degree(solution, kind, l):
         solution.noise_power(kind, l),
         solution.power_error(kind, l),
         p_value,
-        _deviate(solution, w, n, p_value),
+        _compute_deviate(solution, w, n, p_value),
         float(mk_w),
         float(wilson_hilferty(mk_w, n)),
     )
 
 
-def _deviate(solution, w, n, p_value):
+def _compute_deviate(solution, w, n, p_value):
     """z of the p-value; from χ² itself where there is one, since p rounds to 0 and 1."""
     if np.isinf(solution.covariance_dof):
         return float(normal_deviate(w, n))

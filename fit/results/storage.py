@@ -37,32 +37,32 @@ from vsh.tools.types import PathName, Table
 __all__ = ["Result", "read"]
 
 
-def same(one: Any, two: Any) -> bool:
+def is_same(one: Any, two: Any) -> bool:
     """Return whether two values, arrays and sequences of them among them, are equal; nan equals nan."""
     if isinstance(one, np.ndarray) or isinstance(two, np.ndarray):
         one, two = np.asarray(one), np.asarray(two)
         return one.shape == two.shape and np.array_equal(one, two, equal_nan=one.dtype.kind == "f")
     if isinstance(one, (list, tuple)) and isinstance(two, (list, tuple)):
         is_same_kind = getattr(one, "_fields", None) == getattr(two, "_fields", None)
-        return is_same_kind and len(one) == len(two) and all(map(same, one, two))
+        return is_same_kind and len(one) == len(two) and all(map(is_same, one, two))
     if isinstance(one, dict) and isinstance(two, dict):
-        return [*one] == [*two] and all(same(one[key], two[key]) for key in one)
+        return [*one] == [*two] and all(is_same(one[key], two[key]) for key in one)
     if isinstance(one, float) and isinstance(two, float) and np.isnan(one):
         return bool(np.isnan(two))
     if is_dataclass(one) and not isinstance(one, type) and type(one) is type(two):
-        return all(same(getattr(one, name), getattr(two, name)) for name in _attributes(type(one)) or ())
+        return all(is_same(getattr(one, name), getattr(two, name)) for name in _attribute_names(type(one)) or ())
     return bool(one == two)
 
 
-def encode(value: Any) -> Any:
+def encode_value(value: Any) -> Any:
     """A value as plain JSON, every bit of it: arrays as compressed bytes, results and nouns by their attributes."""
     if isinstance(value, np.ndarray):
         array = np.ascontiguousarray(value).astype(value.dtype.newbyteorder("<"))
-        data = base64.b85encode(zlib.compress(array.tobytes(), 6)).decode()
-        return {"array": data, "kind": array.dtype.str, "shape": list(array.shape)}
+        compressed_text = base64.b85encode(zlib.compress(array.tobytes(), 6)).decode()
+        return {"array": compressed_text, "kind": array.dtype.str, "shape": list(array.shape)}
     if type(value).__module__.split(".")[0] in ("fit", "vsh") and (is_dataclass(value) or hasattr(value, "_fields")):
         about = {"type": type(value).__name__, "module": type(value).__module__}
-        return about | {"fields": {name: encode(getattr(value, name)) for name in _attributes(type(value))}}
+        return about | {"fields": {name: encode_value(getattr(value, name)) for name in _attribute_names(type(value))}}
     if isinstance(value, np.bool_):
         return bool(value)
     if isinstance(value, (bool, int, np.integer)) or value is None:
@@ -70,24 +70,24 @@ def encode(value: Any) -> Any:
     if isinstance(value, (float, np.floating)):
         return {"float": to_hex(float(value))}
     if isinstance(value, dict):
-        return {"dict": [[encode(key), encode(item)] for key, item in value.items()]}
+        return {"dict": [[encode_value(key), encode_value(item)] for key, item in value.items()]}
     if isinstance(value, (list, tuple)):
-        return {"list" if isinstance(value, list) else "tuple": [encode(item) for item in value]}
+        return {"list" if isinstance(value, list) else "tuple": [encode_value(item) for item in value]}
     if isinstance(value, CodedNote) and value.code:
         return {"note": str(value), "code": value.code}
     return str(value)
 
 
-def _attributes(record_class):
+def _attribute_names(record_class):
     """Names of what a dataclass or a NamedTuple is made with; None for anything else."""
     if is_dataclass(record_class):
         return [entry.name for entry in fields(record_class) if entry.init]
-    is_named = isinstance(record_class, type) and issubclass(record_class, tuple) and hasattr(record_class, "_fields")
-    return list(record_class._fields) if is_named else None
+    is_tuple = isinstance(record_class, type) and issubclass(record_class, tuple) and hasattr(record_class, "_fields")
+    return list(record_class._fields) if is_tuple else None
 
 
 def decode_value(plain: Any) -> Any:
-    """Decode what `encode` wrote."""
+    """Decode what `encode_value` wrote."""
     if not isinstance(plain, dict):
         return plain
     if "array" in plain:
@@ -95,16 +95,16 @@ def decode_value(plain: Any) -> Any:
         shape = tuple(checked_count(size) for size in plain["shape"])
         if dtype.hasobject or dtype.itemsize * int(np.prod(shape, dtype=float)) > 2**34:
             raise TableError("an array")
-        size = dtype.itemsize * int(np.prod(shape))
+        byte_count = dtype.itemsize * int(np.prod(shape))
         try:
-            data = zlib.decompressobj().decompress(base64.b85decode(plain["array"]), size + 1)
+            raw_bytes = zlib.decompressobj().decompress(base64.b85decode(plain["array"]), byte_count + 1)
         except zlib.error as error:
             raise TableError(f"an array ({error})") from None
-        if len(data) != size:
+        if len(raw_bytes) != byte_count:
             raise TableError("the size of an array")
-        return np.frombuffer(data, dtype).reshape(shape).astype(dtype.newbyteorder("="))
+        return np.frombuffer(raw_bytes, dtype).reshape(shape).astype(dtype.newbyteorder("="))
     if "float" in plain:
-        return number(plain["float"])
+        return from_hex(plain["float"])
     if "note" in plain:
         return CodedNote(str(plain["note"]), str(plain["code"]))
     if "dict" in plain:
@@ -115,14 +115,14 @@ def decode_value(plain: Any) -> Any:
         return tuple(decode_value(item) for item in plain["tuple"])
     if not re.fullmatch(r"(fit|vsh)(\.\w+)+", plain["module"]):
         raise TableError(f"a {plain['type']}")
-    home: Any = _import_class(plain["module"], plain["type"])
-    if _attributes(home) is None:
+    record_class: Any = _import_class(plain["module"], plain["type"])
+    if _attribute_names(record_class) is None:
         raise TableError(f"a {plain['type']}")
-    return home(**{name: decode_value(item) for name, item in plain["fields"].items()})
+    return record_class(**{name: decode_value(item) for name, item in plain["fields"].items()})
 
 
 def _import_class(module, name):
-    """A class by the module that a file names, or by its face."""
+    """Import a class from the module that a file names, or from the package that exports it."""
     module, name = MOVED.get(module, module), RENAMED.get(name, name)
     for module_name in (module, module.partition("._")[0]):
         with suppress(ImportError, AttributeError):
@@ -147,8 +147,8 @@ def to_hex(x: Any) -> str:
     return float(x).hex()
 
 
-def number(text: Any) -> Any:
-    """Convert what `exact` wrote to a number; anything else as it is."""
+def from_hex(text: Any) -> Any:
+    """Convert what `to_hex` wrote to a number; return anything but text as it is."""
     return float.fromhex(text) if isinstance(text, str) else text
 
 
@@ -226,8 +226,8 @@ class Result(Frozen):
     def to_dict(self) -> dict[str, Any]:
         """The lines to quote, the notes and `to_table` as plain values; numbers that are not finite are None."""
         answer: Any = getattr(self, "answer", Answer())
-        parts = {"type": type(self).__name__, "answer": dict(answer.lines), "notes": getattr(self, "notes", ())}
-        return {name: as_plain(part) for name, part in (parts | {"table": self.to_table()}).items()}
+        contents = {"type": type(self).__name__, "answer": dict(answer.lines), "notes": getattr(self, "notes", ())}
+        return {name: as_plain(value) for name, value in (contents | {"table": self.to_table()}).items()}
 
     def to_json(self) -> str:
         """Write `to_dict` as a JSON document."""
@@ -235,7 +235,7 @@ class Result(Frozen):
 
     def __repr__(self) -> str:
         """Name and attributes in one line, arrays by their shapes."""
-        attributes = [f"{entry.name} {_short(getattr(self, entry.name))}" for entry in fields(cast(Any, self))]
+        attributes = [f"{entry.name} {_format_short(getattr(self, entry.name))}" for entry in fields(cast(Any, self))]
         return f"<{type(self).__name__}: {textwrap.shorten(', '.join(attributes), 200, placeholder=' …')}>"
 
     def _repr_html_(self) -> str:
@@ -255,7 +255,7 @@ class Result(Frozen):
         table = type(self).to_table(self)
         columns = {name: np.asarray(table[name]) for name in table.colnames}
         units = {name: str(table[name].unit) for name in table.colnames if table[name].unit is not None}
-        attributes = {entry.name: encode(getattr(self, entry.name)) for entry in fields(cast(Any, self))}
+        attributes = {entry.name: encode_value(getattr(self, entry.name)) for entry in fields(cast(Any, self))}
         return columns, {"fields": attributes}, units
 
     @classmethod
@@ -293,10 +293,10 @@ class Result(Frozen):
         check_new(path, overwrite)
         columns, metadata, units = self._pack()
         mark = json.dumps({"type": type(self).__name__, "module": type(self).__module__} | metadata)
-        plain = self._plain_facts()
+        facts = self._plain_facts()
         if getattr(self, "notes", None) and tables.format_of(path) == "ascii.ecsv":  # a FITS header has no lists
-            plain["notes"] = list(map(str, getattr(self, "notes", ())))
-        tables.write_columns(path, columns, plain | (meta or {}) | {RESULT_MARK: mark}, units, overwrite)
+            facts["notes"] = list(map(str, getattr(self, "notes", ())))
+        tables.write_columns(path, columns, facts | (meta or {}) | {RESULT_MARK: mark}, units, overwrite)
 
     @classmethod
     def read(cls, path: PathName) -> Self:
@@ -324,13 +324,13 @@ class Result(Frozen):
         """Return whether two results are of one kind and the same in every number."""
         if type(other) is not type(self):
             return NotImplemented
-        return all(same(getattr(self, entry.name), getattr(other, entry.name)) for entry in fields(cast(Any, self)))
+        return all(is_same(getattr(self, entry.name), getattr(other, entry.name)) for entry in fields(cast(Any, self)))
 
     def __hash__(self) -> int:
         return hash((type(self).__name__, repr(self)))
 
 
-def _short(value):
+def _format_short(value):
     """A value in a few letters: arrays and sequences by their sizes."""
     if isinstance(value, np.ndarray):
         return f"({' × '.join(map(str, value.shape))})"
@@ -360,40 +360,40 @@ def read(path: PathName) -> Result:
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError, ImportError):
         raise TableError(f"{file_name} holds no result of a fit: it lacks its mark, RESULT, in the metadata") from None
     try:
-        home = _kind(type_name, module)
+        result_class = _find_kind(type_name, module)
     except (KeyError, ImportError):
         raise TableError(
             f"{file_name} holds a {printable(type_name)} of the module {printable(module)}, which is not known here: "
             "import it first"
         ) from None
     try:
-        columns = {name: _native(name, table[name]) for name in table.colnames}
-        solution = home._unpack(columns, metadata)
-        _check_same(solution, columns, table)
+        columns = {name: _to_native_array(name, table[name]) for name in table.colnames}
+        result = result_class._unpack(columns, metadata)
+        _check_same(result, columns, table)
     except (VshError, KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
         reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise TableError(
             f"{file_name} is damaged: its {type_name} is not as it was written ({printable(reason)[:300]})"
         ) from error
-    return solution
+    return result
 
 
-def _kind(name, module):
+def _find_kind(name, module):
     if name not in _KINDS and _OURS.fullmatch(module):
         with suppress(TableError):
             _import_class(module, name)
     return _KINDS[name]
 
 
-def _check_same(solution, columns, table):
+def _check_same(result, columns, table):
     """Packed again, the result must give the columns that were read, in their order and units."""
     from astropy.units import Unit
 
-    packed_columns, _, units = solution._pack()
+    packed_columns, _, units = result._pack()
     if set(packed_columns) != set(columns):
         raise TableError(f"columns {', '.join(sorted(set(packed_columns) ^ set(columns)))}")
     for name, values in packed_columns.items():
-        if not same(np.asarray(values).astype(columns[name].dtype), columns[name]):
+        if not is_same(np.asarray(values).astype(columns[name].dtype), columns[name]):
             raise TableError(f"column {name} does not go with the others")
         unit, expected_unit = table[name].unit, units.get(name)
         if (unit is None) != (expected_unit is None) or (expected_unit is not None and unit != Unit(expected_unit)):
@@ -406,7 +406,7 @@ def _check_format(path):
         raise TableError(f"{printable(path)}: results are written as .ecsv or .fits, which keep every bit")
 
 
-def _native(name, column):
+def _to_native_array(name, column):
     if np.any(getattr(column, "mask", False)):
         raise TableError(f"{np.sum(column.mask)} values of column {name} are missing")
     array = np.asarray(column)

@@ -64,7 +64,7 @@ class ClippedFit(AboutSolution):
 
     def select(self, field: Field) -> Field:
         """Select the sources of a `field` in the solution's frame that agree with the fit; a step for `Parts.map`."""
-        return _select(field, partial(_distances, solution=self.solution), self.limit)
+        return _select_within(field, partial(_compute_distances, solution=self.solution), self.limit)
 
     def sources(self, field: Field | Parts) -> Field | Parts:
         """The sources that were kept, of the `field` or the parts that were clipped; a note says how many were not."""
@@ -139,22 +139,22 @@ def clip(
     components = modes.components
     # For Gaussian errors the median tells their scale, and so how many σ the limit is.
     q = (chdtri(components, 2.0 ** -(cutoff**2)) if threshold is None else cutoff**2) / 2
-    in_medians = (
+    limit_in_medians = (
         float(np.sqrt(chdtri(components, 2.0 ** -(kappa**2)) / chdtri(components, 0.5))) if threshold is None else 1.0
     )
-    mark, before, marks = None, None, set()
+    selection_hash, before, known_hashes = None, None, set()
     for rounds in range(1, max_rounds + 1):
         solution = solve(normal)
-        distances = partial(_distances, solution=solution)
+        distances = partial(_compute_distances, solution=solution)
         if sky.in_memory is not None:  # once a round, for the median and the choice alike
             distances = partial(_known_distances, values=distances(sky.in_memory))
-        limit = threshold or in_medians * float(median(sky, distances, f"clip, round {rounds}"))
+        limit = threshold or limit_in_medians * float(median(sky, distances, f"clip, round {rounds}"))
         summary = sky.sum(
             partial(_count_within, distances=distances, limit=limit), roles=(), words=f"clip, round {rounds}"
         )
-        if summary["mark"] == mark or (mark is None and summary["sources"] == n_sources):
+        if summary["mark"] == selection_hash or (selection_hash is None and summary["sources"] == n_sources):
             rule = (
-                f"κ = {kappa:g}{'' if components == 2 else f', {in_medians:.3g}'} times the median"
+                f"κ = {kappa:g}{'' if components == 2 else f', {limit_in_medians:.3g}'} times the median"
                 if threshold is None
                 else "the given threshold"
             )
@@ -167,42 +167,42 @@ def clip(
                 f"clipping leaves {summary['sources']} of {n_sources} sources, too few for {len(modes)} coefficients: "
                 f"take a larger {'kappa' if threshold is None else 'threshold'} than {cutoff:g}"
             )
-        mark, n_kept = summary["mark"], summary["sources"]
-        if mark in marks or rounds == max_rounds:
-            swing = sky.sum(
+        selection_hash, n_kept = summary["mark"], summary["sources"]
+        if selection_hash in known_hashes or rounds == max_rounds:
+            n_swinging = sky.sum(
                 partial(_count_differing, criterion=(distances, limit), previous=before), roles=(), words="clip"
             )
-        if mark in marks and swing <= max(1, n_sources // 1000):
-            return _find_fixed_point(sky, modes, (distances, limit), before, rounds, swing, q)
-        if mark in marks:
+        if selection_hash in known_hashes and n_swinging <= max(1, n_sources // 1000):
+            return _fit_sources_kept_by_both(sky, modes, (distances, limit), before, rounds, n_swinging, q)
+        if selection_hash in known_hashes:
             raise ConvergenceError(
-                f"the clipping oscillates after {rounds} rounds: {swing} sources are alternately clipped and kept at "
-                f"X ≈ {limit:.3g}. Take another kappa, or the absolute threshold={limit * 1.02:.3g}"
+                f"the clipping oscillates after {rounds} rounds: {n_swinging} sources are alternately clipped and kept "
+                f"at X ≈ {limit:.3g}. Take another kappa, or the absolute threshold={limit * 1.02:.3g}"
             )
-        marks.add(mark)
+        known_hashes.add(selection_hash)
         before = distances, limit
-        normal = normal_equations(apply_step(sky, partial(_select, distances=distances, limit=limit)), modes)
+        normal = normal_equations(apply_step(sky, partial(_select_within, distances=distances, limit=limit)), modes)
     raise ConvergenceError(
-        f"the clip has not settled after {max_rounds} rounds: {swing} sources more or less in the last"
+        f"the clip has not settled after {max_rounds} rounds: {n_swinging} sources more or less in the last"
     )
 
 
-def _find_fixed_point(sky, modes, criterion, previous, rounds, swing, q):
+def _fit_sources_kept_by_both(sky, modes, criterion, previous, rounds, n_swinging, q):
     """The fit to what both choices keep between which a few sources swing."""
-    ratios = partial(_larger_ratio, criterion=criterion, previous=previous)
-    select = partial(_select, distances=ratios, limit=1.0)
+    ratios = partial(_compute_larger_ratio, criterion=criterion, previous=previous)
+    select = partial(_select_within, distances=ratios, limit=1.0)
     mask = None if sky.in_memory is None else ratios(sky.in_memory) <= 1.0
     normal = normal_equations(apply_step(sky, select), modes)
     n_sources, n_kept = sky.sum(len), normal.n_sources
     limit = criterion[1]
     note = (
-        f"clipped {n_sources - n_kept} of {n_sources} sources with X > {limit:.3g} ({rounds} rounds; {swing} of them "
-        f"{'was' if swing == 1 else 'were'} alternately clipped and kept)"
+        f"clipped {n_sources - n_kept} of {n_sources} sources with X > {limit:.3g} ({rounds} rounds; {n_swinging} of "
+        f"them {'was' if n_swinging == 1 else 'were'} alternately clipped and kept)"
     )
     return _correct_bias(solve(normal), mask, rounds, limit, q, CodedNote(note, CLIPPED), n_sources - n_kept)
 
 
-def _larger_ratio(field, criterion, previous):
+def _compute_larger_ratio(field, criterion, previous):
     """The larger of X over its limit by two fits."""
     return np.maximum(*(distances(field) / limit for distances, limit in (criterion, previous)))
 
@@ -220,7 +220,7 @@ def _correct_bias(solution, mask, rounds, limit, q, note, n_clipped):
     )
 
 
-def _distances(field, solution):
+def _compute_distances(field, solution):
     """X of each source."""
     return np.sqrt(solution.residuals(field).chi2)
 
@@ -230,26 +230,26 @@ def _known_distances(field, values):
     return values
 
 
-def _select(field, distances, limit):
+def _select_within(field, distances, limit):
     return field[distances(field) <= limit]
 
 
 def _count_differing(field, criterion, previous):
     """Count the sources that one fit keeps and the other does not."""
-    selection, before = (distances(field) <= limit for distances, limit in (criterion, previous or criterion))
-    return int((selection != before).sum())
+    is_kept, was_kept = (distances(field) <= limit for distances, limit in (criterion, previous or criterion))
+    return int((is_kept != was_kept).sum())
 
 
 def _count_within(field, distances, limit):
     """Count the sources that are kept, and a sum of hashes that tells one choice from another."""
-    selection = distances(field) <= limit
-    bits = np.stack([field.lon[selection], field.lat[selection]]).view(np.uint64)
+    is_kept = distances(field) <= limit
+    bits = np.stack([field.lon[is_kept], field.lat[is_kept]]).view(np.uint64)
     # The finaliser of SplitMix64 (Steele et al. 2014) mixes the bits of each source's place; sums are modulo 2⁶⁴.
     hashes = bits[0] ^ (bits[1] * np.uint64(0x9E3779B97F4A7C15))
     for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
         hashes = (hashes ^ (hashes >> np.uint64(shift))) * np.uint64(factor)
     return {
-        "sources": int(selection.sum()),
+        "sources": int(is_kept.sum()),
         "mark": _HashSum(int(np.sum(hashes ^ (hashes >> np.uint64(31)), dtype=np.uint64))),
     }
 
@@ -346,12 +346,12 @@ def excess_noise(
     not right where errors of neighbours are correlated: `fit.resample` tells.
     """
     modes, sky = modes_for(field, modes), as_parts(field, SourcesWithErrors)
-    problem = _RestrictedLikelihood(sky, modes, bool(scale))
-    parameters = problem.maximum(max_rounds, tolerance)
-    _, slope = problem.loss(parameters)
-    errors = problem.errors(parameters)
+    likelihood = _RestrictedLikelihood(sky, modes, bool(scale))
+    parameters = likelihood.find_maximum(max_rounds, tolerance)
+    _, gradient = likelihood.compute_loss(parameters)
+    errors = likelihood.compute_errors(parameters)
     is_positive = parameters > 0
-    steps = slope * problem.n_sources * errors  # to the maximum, in errors
+    steps = gradient * likelihood.n_sources * errors  # to the maximum, in errors
     if np.any(np.abs(steps[is_positive]) > 0.05) or np.any(steps[~is_positive] < -0.05):
         if scale and parameters[0] > 100:
             raise ConvergenceError(
@@ -360,35 +360,35 @@ def excess_noise(
             )
         distance = ", ".join(f"{step:+.2g}" for step in steps)
         raise ConvergenceError(
-            f"the excess noise has not settled after {problem.n_rounds} fits: it is {distance} of its errors from the "
-            f"maximum of the likelihood; allow more than max_rounds={max_rounds}"
+            f"the excess noise has not settled after {likelihood.n_rounds} fits: it is {distance} of its errors from "
+            f"the maximum of the likelihood; allow more than max_rounds={max_rounds}"
         )
-    unit = problem.unit
-    noisy_sky = sky.map(problem.error_enlargement(parameters))
-    solution = solve(problem.sums(parameters)["normal"])
-    covariance, dof = sandwich(noisy_sky, partial(_score_factors, solution=solution), modes)
+    unit = likelihood.unit
+    noisy_sky = sky.map(likelihood.enlarge_errors(parameters))
+    solution = solve(likelihood.compute_sums(parameters)["normal"])
+    covariance, dof = sandwich(noisy_sky, partial(_compute_score_factors, solution=solution), modes)
     noise = unit * np.sqrt(parameters[0])
     # From the variance s² to s; at the boundary s = 0 the error is the s at one error of s².
     noise_error = unit**2 * errors[0] / (2 * noise) if parameters[0] > errors[0] / 4 else unit * np.sqrt(errors[0])
-    factor = float(np.sqrt(parameters[1])) if scale else 1.0
-    factor_error = float(errors[1] / (2 * factor)) if scale else 0.0
-    size = f"{format_with_error(noise, noise_error)} {solution.unit}".rstrip()
-    note = f"excess noise: {size} added in quadrature to every component"
+    scale_factor = float(np.sqrt(parameters[1])) if scale else 1.0
+    scale_factor_error = float(errors[1] / (2 * scale_factor)) if scale else 0.0
+    noise_text = f"{format_with_error(noise, noise_error)} {solution.unit}".rstrip()
+    note = f"excess noise: {noise_text} added in quadrature to every component"
     if scale:
-        note += f", after scaling the errors by {format_with_error(factor, factor_error)}"
-    text, notes = "the residuals, source by source, with excess noise", (*solution.notes, note)
-    solution = with_errors(solution, covariance, text, ErrorSource.EXCESS_NOISE, covariance_dof=dof, notes=notes)
+        note += f", after scaling the errors by {format_with_error(scale_factor, scale_factor_error)}"
+    errors_from, notes = "the residuals, source by source, with excess noise", (*solution.notes, note)
+    solution = with_errors(solution, covariance, errors_from, ErrorSource.EXCESS_NOISE, covariance_dof=dof, notes=notes)
     return ExcessNoise(
         solution=solution,
         excess_noise=float(noise),
         excess_noise_error=float(noise_error),
-        scale=factor,
-        scale_error=factor_error,
-        n_rounds=problem.n_rounds,
+        scale=scale_factor,
+        scale_error=scale_factor_error,
+        n_rounds=likelihood.n_rounds,
     )
 
 
-def _score_factors(field, solution):
+def _compute_score_factors(field, solution):
     weights = np.ones(len(field))
     return solution.residuals(field).data, weights, weights
 
@@ -397,27 +397,27 @@ def _score_factors(field, solution):
 class EnlargedErrors:
     """A step: the field with errors f² C + s² I."""
 
-    noise: float
-    factor: float
+    noise_variance: float
+    factor_squared: float
 
     def __call__(self, field):
-        sigma = np.sqrt(self.factor * field.sigma**2 + self.noise)
+        sigma = np.sqrt(self.factor_squared * field.sigma**2 + self.noise_variance)
         if isinstance(field, ScalarField):
             return field.with_errors(sigma)
-        return field.with_errors(sigma, self.factor * field.rho * np.prod(field.sigma, 0) / np.prod(sigma, 0))
+        return field.with_errors(sigma, self.factor_squared * field.rho * np.prod(field.sigma, 0) / np.prod(sigma, 0))
 
 
 def _count_and_weight(field):
     return len(field), float(field.information.sum())
 
 
-def _likelihood_sums(field, error_model, modes):
+def _sum_likelihood_terms(field, error_model, modes):
     """All that the likelihood needs of some sources."""
     field = error_model(field)
     k, weights = field.components, field.weights
     # 1 − s² W, the share of the catalogue's own errors: from sums of W it would be lost to rounding where s is large.
-    one, often = (np.array([[1.0], [1.0], [0.0]]), [1, 1, 2]) if k == 2 else (np.ones((1, 1)), [1])
-    shares = one - error_model.noise * weights
+    identity, multiplicity = (np.array([[1.0], [1.0], [0.0]]), [1, 1, 2]) if k == 2 else (np.ones((1, 1)), [1])
+    shares = identity - error_model.noise_variance * weights
     squares = weights**2
     if k == 2:
         a, b, c = weights
@@ -429,8 +429,8 @@ def _likelihood_sums(field, error_model, modes):
         "logdet": float(field.log_determinants.sum()),
         "trace": float(weights[:k].sum()),
         "trace of squares": float(squares[:k].sum()),
-        "cross": float(np.sum(often @ (weights * shares))),
-        "own": float(np.sum(often @ shares**2)),
+        "cross": float(np.sum(multiplicity @ (weights * shares))),
+        "own": float(np.sum(multiplicity @ shares**2)),
     }
 
 
@@ -444,29 +444,29 @@ class _RestrictedLikelihood:
         self.n_rounds = 0
         self.last: tuple[Any, Any] = (None, None)
 
-    def error_enlargement(self, parameters):
+    def enlarge_errors(self, parameters):
         """The step to the field with errors f² C + s² I."""
         return EnlargedErrors(float(parameters[0]) * self.unit**2, float(parameters[1]) if self.scale else 1.0)
 
-    def sums(self, parameters):
+    def compute_sums(self, parameters):
         """Sums over all sources, cached."""
         key = tuple(map(float, parameters))
         if key != self.last[0]:
             self.n_rounds += 1
-            work = partial(_likelihood_sums, error_model=self.error_enlargement(parameters), modes=self.modes)
+            work = partial(_sum_likelihood_terms, error_model=self.enlarge_errors(parameters), modes=self.modes)
             self.last = key, self.sky.sum(work, roles=(), words=f"excess noise, trial {self.n_rounds}")
         return self.last[1]
 
-    def loss(self, parameters):
+    def compute_loss(self, parameters):
         """Value and gradient."""
-        sums = self.sums(parameters)
+        sums = self.compute_sums(parameters)
         normal, n = sums["normal"], self.n_sources
         solution = solve(normal)
         values = solution.values
         value = (sums["logdet"] + solution.chi2 + np.linalg.slogdet(normal.matrix)[1]) / 2
         # With W = C⁻¹ and ∂C/∂s² = I: ½ [tr W − |Wr|² − tr(N⁻¹ Σ AᵀW²A)], r = y − A c.
-        matrix, rhs, square = sums["squared"]
-        residual_square = square - 2 * values @ rhs + values @ matrix @ values
+        matrix, rhs, weighted_square = sums["squared"]
+        residual_square = weighted_square - 2 * values @ rhs + values @ matrix @ values
         by_noise = (sums["trace"] - residual_square - float(np.sum(solution.covariance * matrix))) / 2
         slope = [by_noise * self.unit**2]
         if self.scale:  # ∂C/∂f² = (C − s² I)/f²
@@ -476,26 +476,26 @@ class _RestrictedLikelihood:
             )
         return value / n, np.array(slope) / n
 
-    def maximum(self, max_rounds, tolerance):
+    def find_maximum(self, max_rounds, tolerance):
         """The parameters of the largest likelihood, searched along ln(1 + s²) and ln f²."""
-        start = np.array([np.log1p(max(self.excess(), 1e-2)), 0.0][: 1 + self.scale])
+        start = np.array([np.log1p(max(self.estimate_excess(), 1e-2)), 0.0][: 1 + self.scale])
         bounds = [(0.0, None), (np.log(1e-6), None)][: len(start)]
 
-        def natural(x):
+        def to_parameters(x):
             return np.r_[np.expm1(x[0]), np.exp(x[1:])]
 
         def loss(x):
-            value, slope = self.loss(natural(x))
-            return value, slope * np.r_[np.exp(x[0]), np.exp(x[1:])]
+            value, gradient = self.compute_loss(to_parameters(x))
+            return value, gradient * np.r_[np.exp(x[0]), np.exp(x[1:])]
 
         from scipy.optimize import minimize  # slow to import
 
         options = {"maxiter": max_rounds, "ftol": 1e-15, "gtol": tolerance / np.sqrt(self.n_sources)}
-        parameters = natural(minimize(loss, start, jac=True, bounds=bounds, method="L-BFGS-B", options=options).x)
+        parameters = to_parameters(minimize(loss, start, jac=True, bounds=bounds, method="L-BFGS-B", options=options).x)
         for _ in range(40):  # along a ridge, where one of the two hides the other, by Fisher's scoring
-            value, slope = self.loss(parameters)
-            step = -np.linalg.pinv(self.information(parameters)) @ slope * self.n_sources
-            errors = self.errors(parameters)
+            value, gradient = self.compute_loss(parameters)
+            step = -np.linalg.pinv(self.compute_information(parameters)) @ gradient * self.n_sources
+            errors = self.compute_errors(parameters)
             if not np.isfinite(errors).all():
                 break
             if self.n_rounds >= max_rounds or np.all(np.abs(step) < 0.01 * errors) or parameters[0] == 0:
@@ -503,27 +503,27 @@ class _RestrictedLikelihood:
             limits = np.array([0.0, 1e-6])[: len(step)]
             for damping in (1.0, 0.5, 0.25, 0.1, 0.03):
                 trial = np.maximum(parameters + damping * np.clip(step, -2 * errors, 2 * errors), limits)
-                if self.loss(trial)[0] <= value:
+                if self.compute_loss(trial)[0] <= value:
                     break
             parameters = trial
         return parameters
 
-    def excess(self):
+    def estimate_excess(self):
         """s² by which χ² of the plain fit would be as expected, about, in units of the mean variance."""
-        solution = solve(self.sums(np.array([0.0, 1.0]))["normal"])
+        solution = solve(self.compute_sums(np.array([0.0, 1.0]))["normal"])
         return solution.chi2 / max(solution.dof, 1) - 1
 
-    def errors(self, parameters):
+    def compute_errors(self, parameters):
         """Standard errors from the expected information of as many sources as the coefficients leave."""
-        return np.sqrt(np.diag(np.linalg.pinv(self.information(parameters))))
+        return np.sqrt(np.diag(np.linalg.pinv(self.compute_information(parameters))))
 
-    def information(self, parameters):
+    def compute_information(self, parameters):
         """The expected information of the parameters."""
-        sums, n = self.sums(parameters), self.n_sources
+        sums, n = self.compute_sums(parameters), self.n_sources
         information = np.array([[self.unit**4 * sums["trace of squares"]]])
         if self.scale:
             cross = self.unit**2 * sums["cross"] / parameters[1]
             factor_term = sums["own"] / parameters[1] ** 2
             information = np.array([[information[0, 0], cross], [cross, factor_term]])
-        share = max(1 - len(self.modes) / (self.modes.components * n), 1e-3)
-        return information / 2 * share
+        remaining_share = max(1 - len(self.modes) / (self.modes.components * n), 1e-3)
+        return information / 2 * remaining_share

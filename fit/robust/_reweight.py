@@ -33,9 +33,9 @@ from vsh.tools.printing import log_calls, one_line_text
 from vsh.tools.types import FloatArray
 
 #: What notes, progress and the log call it.
-_NAME = "Student-t"
+_LABEL = "Student-t"
 #: The largest number of Newton steps for a source's leverage; with thousands of sources three suffice.
-_STEPS = 10
+_MOST_SHARE_STEPS = 10
 #: Chebyshev nodes in ln ν at which the likelihood is evaluated; interpolation is accurate to 1e-12.
 _NODES = chebyshev.chebpts1(36)
 #: No catalogue has errors that are so many times too large.
@@ -46,13 +46,13 @@ _LOW, _HIGH = np.log([0.5, 200.0])
 _LEAST_NU = 1.3
 
 
-def _share_by_steps(weight, chi2, largest):
+def _solve_share_by_steps(weight, chi2, unit_share):
     """Newton's steps to where share and weight agree: it depends on u, and u on it, the less the larger it is."""
     share = np.zeros(len(chi2))
-    for _ in range(_STEPS):
+    for _ in range(_MOST_SHARE_STEPS):
         x2 = chi2 / (1 - share)
         u, slope = weight(x2)
-        step = (np.minimum(largest * u, 0.9) - share) / (1 - largest * slope * x2 / (1 - share))
+        step = (np.minimum(unit_share * u, 0.9) - share) / (1 - unit_share * slope * x2 / (1 - share))
         share = np.clip(share + step, 0.0, 0.9)
         if np.max(np.abs(step)) < 1e-13:
             break
@@ -73,15 +73,15 @@ class StudentT:
         u = (self.nu + self.components) / (self.nu + x2)
         return u, -u / (self.nu + x2)
 
-    def share_of(self, chi2: FloatArray, largest: FloatArray) -> FloatArray:
+    def solve_share(self, chi2: FloatArray, unit_share: FloatArray) -> FloatArray:
         """The share s of each source in its own fit, (n,), at the weight of X²/(1 − s).
 
         It solves s (ν + X²/(1 − s)) = s₁ (ν + k), a quadratic equation, where s₁ is the share of a weight of 1; by
         steps where a share may come near its cap.
         """
-        right_side = largest * (self.nu + self.components)
+        right_side = unit_share * (self.nu + self.components)
         if right_side.max() > self.nu / 2:
-            return _share_by_steps(self, chi2, largest)
+            return _solve_share_by_steps(self, chi2, unit_share)
         b = self.nu + chi2 + right_side
         return np.asarray(2 * right_side / (b + np.sqrt(b**2 - 4 * self.nu * right_side)), float)
 
@@ -91,7 +91,7 @@ class StudentT:
             return self, 0.0
         nu, k = self.nu, self.components
         log, beyond, slope = (sums[name] / n for name in ("log", "beyond", "slope of beyond"))
-        # Derivatives of `_log_t` in ν.
+        # Derivatives of `_mean_log_t` in ν.
         constant = (digamma((nu + k) / 2) - digamma(nu / 2) - k / nu) / 2
         constant_slope = (polygamma(1, (nu + k) / 2) - polygamma(1, nu / 2)) / 4 + k / nu**2 / 2
         first = constant - log / 2 + (nu + k) / (2 * nu) * beyond
@@ -102,12 +102,12 @@ class StudentT:
         tau = np.clip(1 / nu + step, max(1 / nu / _FARTHEST, np.exp(-_HIGH)), min(_FARTHEST / nu, np.exp(-_LOW)))
         return replace(self, nu=float(1 / tau)), float(abs(tau - 1 / nu) * np.sqrt(n * abs(curvature)))
 
-    def fitted(self, sky: Parts, share: SourceWeights, words: str) -> StudentT:
+    def fit_nu(self, sky: Parts, weigher: SourceWeights, words: str) -> StudentT:
         """Update the weights with the likeliest ν, from the residuals and leverages at the current ν."""
         if not self.estimated:
             return self
-        n, logs = sky.sum(partial(_log_terms, share=share), roles=(), words=words)
-        step = float(np.log(_likeliest_nu(logs / n, self.components) / self.nu))
+        n, logs = sky.sum(partial(_sum_log_terms, weigher=weigher), roles=(), words=words)
+        step = float(np.log(_find_likeliest_nu(logs / n, self.components) / self.nu))
         if step * self.step < 0:  # ν that turns back would swing about where it settles, and may do so for ever
             step /= 2
         return replace(self, nu=self.nu * float(np.exp(step)), step=step)
@@ -127,75 +127,75 @@ class SourceWeights:
 
     def __call__(self, field: Field) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """X² over one less the share, u and its slope, each (n,); and the residuals, (components, n)."""
-        pair: Any = self.last[0] if self.last else (None, None)
-        if pair[0] is not field:  # a local pair: threads may compute for several parts
+        cached: Any = self.last[0] if self.last else (None, None)
+        if cached[0] is not field:  # a local pair: threads may compute for several parts
             field.check_frame(self.solution.frame)
-            known: Any = self.models[0] if self.models else (None, None)
-            model = known[1] if known[0] is field else np.atleast_2d(self.solution.model(field))
+            cached_model: Any = self.models[0] if self.models else (None, None)
+            model = cached_model[1] if cached_model[0] is field else np.atleast_2d(self.solution.model(field))
             self.models[:] = [(field, model)]
-            numbers, residual = np.empty((3, len(field))), np.empty(model.shape)
-            for part in slice_blocks(len(field)):
-                residual[:, part], _, _, *numbers[:, part] = self.of(field[part], model[:, part])
-            pair = (field, (*numbers, residual))
-            self.last[:] = [pair]
-        result: tuple[FloatArray, FloatArray, FloatArray, FloatArray] = pair[1]
-        return result
+            x2_and_weights, residual = np.empty((3, len(field))), np.empty(model.shape)
+            for rows in slice_blocks(len(field)):
+                residual[:, rows], _, _, *x2_and_weights[:, rows] = self.compute_about(field[rows], model[:, rows])
+            cached = (field, (*x2_and_weights, residual))
+            self.last[:] = [cached]
+        factors: tuple[FloatArray, FloatArray, FloatArray, FloatArray] = cached[1]
+        return factors
 
-    def of(self, field: Field, model: FloatArray) -> tuple[FloatArray, ...]:
+    def compute_about(self, field: Field, model: FloatArray) -> tuple[FloatArray, ...]:
         """The residuals from a model, their product with C⁻¹, tr C⁻¹, X² over one less the share, u and its slope."""
         weights = field.weights
         residual = np.atleast_2d(field.data) - model
         score = multiply_weights(weights, residual)
         information = weights[: field.components].sum(0)
         chi2 = np.einsum("kn,kn->n", residual, score)
-        x2 = chi2 / (1 - self.weight.share_of(chi2, self.leverage * information))
+        x2 = chi2 / (1 - self.weight.solve_share(chi2, self.leverage * information))
         return residual, score, information, x2, *self.weight(x2)
 
     def __reduce__(self):
         return SourceWeights, (self.solution, self.weight, self.leverage)
 
 
-def _log_terms(field, share):
+def _sum_log_terms(field, weigher):
     """Count of sources, and Σ ln(1 + X²/ν) at the nodes of ln ν."""
-    x2 = share(field)[0]
+    x2 = weigher(field)[0]
     nus = np.exp(_LOW + (_HIGH - _LOW) * (_NODES + 1) / 2)
     return len(x2), np.array([_sum_log(1 + x2 / nu) for nu in nus])
 
 
 def _sum_log(values):
     """Σ ln of values of 1 or more: of products of eight, a logarithm takes as long as as many products."""
-    whole = len(values) // 8 * 8
+    n_grouped = len(values) // 8 * 8
     if not values.max(initial=1.0) < 1e30:
         return np.log(values).sum()
-    return np.log(np.prod(values[:whole].reshape(8, -1), axis=0)).sum() + np.log(values[whole:]).sum()
+    return np.log(np.prod(values[:n_grouped].reshape(8, -1), axis=0)).sum() + np.log(values[n_grouped:]).sum()
 
 
-def _log_t(nu, components, mean_log):
+def _mean_log_t(nu, components, mean_log):
     """The mean of ln of the t density of k components, (1 + X²/ν)^{−(ν+k)/2} with its constant, from ⟨ln(1 + X²/ν)⟩."""
     constant = gammaln((nu + components) / 2) - gammaln(nu / 2) - components / 2 * np.log(nu)
     return constant - (nu + components) / 2 * mean_log
 
 
-def _likeliest_nu(mean_logs, components):
+def _find_likeliest_nu(mean_logs, components):
     """The ν that makes the X² likeliest."""
-    terms = chebyshev.chebfit(_NODES, mean_logs, len(_NODES) - 1)
+    coefficients = chebyshev.chebfit(_NODES, mean_logs, len(_NODES) - 1)
     log_nu = np.linspace(_LOW, _HIGH, 4001)
-    mean_log = chebyshev.chebval(2 * (log_nu - _LOW) / (_HIGH - _LOW) - 1, terms)
-    height = _log_t(np.exp(log_nu), components, mean_log)
+    mean_log = chebyshev.chebval(2 * (log_nu - _LOW) / (_HIGH - _LOW) - 1, coefficients)
+    height = _mean_log_t(np.exp(log_nu), components, mean_log)
     k = int(np.clip(np.argmax(height), 1, len(height) - 2))
-    rise, bend = (height[k + 1] - height[k - 1]) / 2, height[k + 1] - 2 * height[k] + height[k - 1]
+    rise, bend = ((height[k + 1] - height[k - 1]) / 2, height[k + 1] - 2 * height[k] + height[k - 1])
     top = np.clip(-rise / bend, -1, 1) if bend < 0 else np.sign(rise)  # of the parabola through three points
     return float(np.exp(log_nu[k] + top * (log_nu[1] - log_nu[0])))
 
 
 #: The fit of many sources goes by Newton's steps, from so many on from that of a sample: of so many at least, and so
 #: many for each coefficient, which has settled to this part of its errors.
-_MANY, _SAMPLE, _FOR_EACH, _NEAR = 20_000, 5_000, 20, 0.1
+_MANY, _SAMPLE, _SOURCES_PER_COEFFICIENT, _SAMPLE_TOLERANCE = 20_000, 5_000, 20, 0.1
 #: Their relative accuracy, and their number at most; the factor on ν that each may have; a step that is so much of the
 #: one before is slow.
-_ACCURACY, _MOST_STEPS, _FARTHEST, _SLOW = 1e-8, 12, 4.0, 0.2
+_ACCURACY, _MOST_STEPS, _FARTHEST, _SLOW_STEP_RATIO = 1e-8, 12, 4.0, 0.2
 #: Rounds after which leverages are held fixed.
-_ADAPTING = 15
+_ADAPTING_ROUNDS = 15
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -261,18 +261,18 @@ class ReweightedFit(AboutSolution):
         solution Newton's step from that of all sources: weights that are taken about the fit of all sources draw the
         values of a class towards it, by a third where ν = 1.6.
         """
-        modes, sky = as_modes(modes, type(self.solution.modes)), _with_noise(field, self.noise)
-        label = "weights of the classes"
-        sums = sky.sum(partial(_scale_sums, share=self.share), roles=(), words=label)
+        modes, sky = as_modes(modes, type(self.solution.modes)), _add_noise(field, self.noise)
+        words = "weights of the classes"
+        sums = sky.sum(partial(_sum_scale_terms, weigher=self.share), roles=(), words=words)
         factor = sums["u"] * sums["ψ²"] / (modes.components * sums["ψ'"] ** 2)
-        work = partial(_class_equations, share=self.share, modes=modes, stretch=sums["u"] / sums["ψ'"])
-        normal = sky.sum(work, roles=(), words=label)
+        work = partial(_sum_class_equations, weigher=self.share, modes=modes, stretch=sums["u"] / sums["ψ'"])
+        normal = sky.sum(work, roles=(), words=words)
         terms = {name: getattr(normal, name) / factor for name in ("matrix", "rhs", "chi2_null")}
         new_templates = template_fields(templates, modes, normal.frame or "icrs") if templates else normal.templates
         return replace(normal, templates=new_templates, **terms)
 
 
-@log_calls(_NAME)
+@log_calls(_LABEL)
 @arguments.accepts(
     field=arguments.a(Field, ScalarField, Parts),
     nu=arguments.positive,
@@ -330,16 +330,16 @@ def student_t(
     then adds an excess noise. Of few sources the covariance has few degrees of freedom (`covariance_dof`), which
     standard errors, p-values and limits use.
     """
-    modes, sky = modes_for(field, modes), _with_noise(field, noise)
+    modes, sky = modes_for(field, modes), _add_noise(field, noise)
     weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
-    rounds = _iterate_weights(sky, modes, weight, tolerance, max_rounds, least_nu)
-    fitted = _make_result(sky, "the catalogue with the noise" if noise else "the catalogue", *rounds)
+    iteration = _iterate_weights(sky, modes, weight, tolerance, max_rounds, least_nu)
+    fitted = _make_result(sky, "the catalogue with the noise" if noise else "the catalogue", *iteration)
     if noise:  # χ² is that of the catalogue's errors, as without a noise
-        chi2 = as_parts(field, SourcesWithErrors).sum(partial(_chi2_about, solution=fitted.solution), roles=())
+        chi2 = as_parts(field, SourcesWithErrors).sum(partial(_sum_chi2, solution=fitted.solution), roles=())
         fitted = replace(fitted, solution=replace(fitted.solution, chi2=float(chi2)))
-    log_likelihood = _log_likelihood(sky, fitted.share)
-    for kept in (fitted.share.last, fitted.share.models):
-        kept.clear()
+    log_likelihood = _compute_log_likelihood(sky, fitted.share)
+    for cache in (fitted.share.last, fitted.share.models):
+        cache.clear()
     return replace(fitted, noise=float(noise), log_likelihood=log_likelihood)
 
 
@@ -352,17 +352,17 @@ def _iterate_weights(sky, modes, weight, tolerance, max_rounds, least_nu=0.0):
 
     Returns the plain fit, the weighted one, its weights, the rounds, and the total weight where the last round knew it.
     """
-    normal, information = sky.sum(partial(_plain_sums, modes=modes), roles=(), words=_NAME)
+    normal, information = sky.sum(partial(_sum_plain_equations, modes=modes), roles=(), words=_LABEL)
     plain = solve(normal)
-    if plain.n_sources >= max(_SAMPLE, 2 * _FOR_EACH * len(modes)):
+    if plain.n_sources >= max(_SAMPLE, 2 * _SOURCES_PER_COEFFICIENT * len(modes)):
         with suppress(ConvergenceError, DegeneracyError):
             return plain, *_fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least_nu)
-    settle = partial(_iterate_to_convergence, sky, plain, weight, information, tolerance, max_rounds)
+    iterate = partial(_iterate_to_convergence, sky, plain, weight, information, tolerance, max_rounds)
     try:
-        return plain, *settle(plain.values), None
+        return plain, *iterate(plain.values), None
     except (ConvergenceError, DegeneracyError):
         # A source that is off by millions of errors throws the plain fit far from all others.
-        return plain, *settle(np.zeros(len(modes))), None
+        return plain, *iterate(np.zeros(len(modes))), None
 
 
 def _fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least_nu):
@@ -374,56 +374,56 @@ def _fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least
     n, modes = plain.n_sources, plain.modes
     if n < _MANY:
         leverage, values = len(modes) / modes.components / information, plain.values
-        weight = weight.fitted(sky, SourceWeights(plain, weight, leverage), _NAME)
+        weight = weight.fit_nu(sky, SourceWeights(plain, weight, leverage), _LABEL)
     else:
-        chosen = sample_of(sky, max(_SAMPLE, _FOR_EACH * len(modes), n // 100), n, draw=1)
+        chosen = sample_of(sky, max(_SAMPLE, _SOURCES_PER_COEFFICIENT * len(modes), n // 100), n, draw=1)
         if not len(modes) < len(chosen) < n / 2:
             raise ConvergenceError(f"{len(chosen)} of {n} sources are no sample: are many at one place?")
         sample = as_parts(chosen, SourcesWithErrors)
-        _, solution, share, _, _ = _iterate_weights(sample, modes, weight, _NEAR, max_rounds)
-        leverage, values, weight = share.leverage * len(sample.in_memory) / n, solution.values, share.weight
+        _, solution, weigher, _, _ = _iterate_weights(sample, modes, weight, _SAMPLE_TOLERANCE, max_rounds)
+        leverage, values, weight = weigher.leverage * len(sample.in_memory) / n, solution.values, weigher.weight
         if weight.nu < least_nu:
             raise TailsError(f"ν = {weight.nu:.2g} in a sample of the sources")
-    inverse, before = None, 0.0
+    inverse, previous_change = None, 0.0
     for rounds in range(1, _MOST_STEPS + 1):
         solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
-        share, label = SourceWeights(solution, weight, leverage), f"{_NAME}, step {rounds}"
-        sums = sky.sum(partial(_step_sums, share=share), roles=(), words=label)
+        weigher, words = SourceWeights(solution, weight, leverage), f"{_LABEL}, step {rounds}"
+        sums = sky.sum(partial(_sum_step_terms, weigher=weigher), roles=(), words=words)
         step = plain.covariance @ sums["score"] * (sums["information"] / sums["ψ'"])
         step = step if inverse is None else inverse @ sums["score"]
-        if np.abs(step / plain.sigma).max() > _SLOW * before > 0:
-            inverse = np.linalg.inv(sky.sum(partial(_slope_matrix, share=share, modes=modes), roles=(), words=label))
+        if np.abs(step / plain.sigma).max() > _SLOW_STEP_RATIO * previous_change > 0:
+            inverse = np.linalg.inv(sky.sum(partial(_curvature, weigher=weigher, modes=modes), roles=(), words=words))
             step = inverse @ sums["score"]
         values = values + step
         weight, change = weight.take_newton_step(sums, n)
         leverage = len(modes) / modes.components / sums["u"]
         change = max(change, float(np.max(np.abs(step) / plain.sigma)))
-        if change**2 < tolerance * max(before, change):  # what is left for the next step
+        if change**2 < tolerance * max(previous_change, change):  # what is left for the next step
             break
-        before = change
+        previous_change = change
     else:
-        raise ConvergenceError(f"{_NAME} has not settled after {rounds} steps")
+        raise ConvergenceError(f"{_LABEL} has not settled after {rounds} steps")
     solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
     return solution, SourceWeights(solution, weight, leverage), rounds, (n, sums["u"])
 
 
-def _slope_matrix(field, share, modes):
+def _curvature(field, weigher, modes):
     """Σ Aᵀ ψ'W A: the curvature of the likelihood where the residuals are."""
-    return weighted_matrix(field, field.weights * _score_factors(field, share)[2], modes)
+    return weighted_matrix(field, field.weights * _compute_score_factors(field, weigher)[2], modes)
 
 
-def _step_sums(field, share):
+def _sum_step_terms(field, weigher):
     """Σ Aᵀ u C⁻¹Δ of some sources, and what the scale of the step and that of ν follow from."""
     from vsh.transform import project_response
 
-    field.check_frame(share.solution.frame)
-    nu, sums = share.weight.nu, np.zeros(6)
+    field.check_frame(weigher.solution.frame)
+    nu, sums = weigher.weight.nu, np.zeros(6)
 
     def response(model):
         scores = np.empty(model.shape)
-        for part in slice_blocks(len(field)):
-            _, score, information, x2, u, slope = share.of(field[part], model[:, part])
-            scores[:, part] = u * score
+        for rows in slice_blocks(len(field)):
+            _, score, information, x2, u, slope = weigher.compute_about(field[rows], model[:, rows])
+            scores[:, rows] = u * score
             beyond = x2 / (nu + x2)
             sums[:] += (
                 information.sum(),
@@ -435,7 +435,7 @@ def _step_sums(field, share):
             )
         return scores
 
-    score = project_response(share.solution.coefficients, field.lon, field.lat, response, _ACCURACY)
+    score = project_response(weigher.solution.coefficients, field.lon, field.lat, response, _ACCURACY)
     names = ("information", "u", "ψ'", "log", "beyond", "slope of beyond")
     return {"score": score, **dict(zip(names, map(float, sums), strict=True))}
 
@@ -445,39 +445,39 @@ def _iterate_to_convergence(sky, plain, weight, information, tolerance, max_roun
     modes, leverage = plain.modes, len(plain.modes) / plain.modes.components / information
     solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
     for rounds in range(1, max_rounds + 1):
-        label = f"{_NAME}, round {rounds}"
-        source_weights = SourceWeights(solution, weight, leverage)
-        weight = weight.fitted(sky, source_weights, label)
-        models = source_weights.models
-        source_weights = SourceWeights(solution, weight, leverage)
-        source_weights.models[:] = models
-        sums = sky.sum(partial(_weighted_sums, share=source_weights, modes=modes), roles=(), words=label)
+        words = f"{_LABEL}, round {rounds}"
+        weigher = SourceWeights(solution, weight, leverage)
+        weight = weight.fit_nu(sky, weigher, words)
+        models = weigher.models
+        weigher = SourceWeights(solution, weight, leverage)
+        weigher.models[:] = models
+        sums = sky.sum(partial(_weighted_equations, weigher=weigher, modes=modes), roles=(), words=words)
         solution = solve(sums["normal"])
-        if rounds <= _ADAPTING:  # held fixed later, so that all settles
+        if rounds <= _ADAPTING_ROUNDS:  # held fixed later, so that all settles
             leverage = len(modes) / modes.components / sums["u"]
-        change = np.max(np.abs(solution.values - values) / plain.sigma)
+        largest_change = np.max(np.abs(solution.values - values) / plain.sigma)
         values = solution.values
-        if change < tolerance:
+        if largest_change < tolerance:
             break
     else:
         raise ConvergenceError(
-            f"the weights have not settled after {max_rounds} rounds: coefficients move by {change:.1e} σ"
+            f"the weights have not settled after {max_rounds} rounds: coefficients move by {largest_change:.1e} σ"
         )
     return solution, SourceWeights(solution, weight, leverage), rounds
 
 
-def _make_result(sky, errors, plain, solution, share, rounds, total):
+def _make_result(sky, errors_name, plain, solution, weigher, rounds, total):
     """The settled fit with the covariance of its residuals, and what is said of it."""
-    scores = partial(_score_factors, share=share)
-    covariance, dof = sandwich(sky, scores, solution.modes, words=f"{_NAME}, errors", total=total)
+    scores = partial(_compute_score_factors, weigher=weigher)
+    covariance, dof = sandwich(sky, scores, solution.modes, words=f"{_LABEL}, errors", total=total)
     inflation = float(np.sqrt(np.mean(np.diag(covariance) / np.diag(plain.covariance))))
-    facts = sky.sum(partial(_weight_facts, share=share), roles=("name",), words=f"{_NAME}, weights")
+    facts = sky.sum(partial(_weight_facts, weigher=weigher), roles=("name",), words=f"{_LABEL}, weights")
     effective = facts["u"] ** 2 / facts["u²"]
-    largest_weight, least = max(facts["most"]), sorted(facts["least"], key=lambda pair: pair[0])[:5]
+    largest_weight, least_weighted = max(facts["most"]), sorted(facts["least"], key=lambda pair: pair[0])[:5]
     note = (
-        f"{_NAME}: converged in {rounds} iterations; effective number of sources {effective:.1f} of "
-        f"{facts['sources']}; errors are {inflation:.3g} times those of {errors}; sources with "
-        f"the lowest weights: {', '.join(f'{label} ({u / largest_weight:.2g})' for u, label in least)}"
+        f"{_LABEL}: converged in {rounds} iterations; effective number of sources {effective:.1f} of "
+        f"{facts['sources']}; errors are {inflation:.3g} times those of {errors_name}; sources with "
+        f"the lowest weights: {', '.join(f'{label} ({u / largest_weight:.2g})' for u, label in least_weighted)}"
     )
     warnings = []
     if inflation < _TOO_SMALL:
@@ -486,70 +486,70 @@ def _make_result(sky, errors, plain, solution, share, rounds, total):
             "both in the units that were assumed?"
         )
         warnings.append(CodedNote(warning, TOO_LITTLE_SCATTER))
-    if share.weight.nu is not None and share.weight.nu < _LEAST_NU:
+    if weigher.weight.nu is not None and weigher.weight.nu < _LEAST_NU:
         warning = (
-            f"warning: ν = {share.weight.nu:.2g}: many of the quoted errors are several times too small for the "
-            "scatter of the motions, and those of this fit may be; fit with a noise beside them (excess-noise)"
+            f"warning: ν = {weigher.weight.nu:.2g}: many of the quoted errors are several times too small for "
+            "the scatter of the motions, and those of this fit may be; fit with a noise beside them (excess-noise)"
         )
         warnings.append(CodedNote(warning, ERRORS_TOO_SMALL))
-    text, notes = "the residuals of the robust fit, source by source", (*plain.notes, *warnings, note)
-    about = {"covariance_dof": dof, "chi2": facts["chi2"], "n_data": plain.n_data, "notes": notes}
-    solution = with_errors(solution, covariance, text, ErrorSource.RESIDUALS, **about)
-    weights = None if sky.in_memory is None else share(sky.in_memory)[1]
+    errors_from, notes = "the residuals of the robust fit, source by source", (*plain.notes, *warnings, note)
+    options = {"covariance_dof": dof, "chi2": facts["chi2"], "n_data": plain.n_data, "notes": notes}
+    solution = with_errors(solution, covariance, errors_from, ErrorSource.RESIDUALS, **options)
+    weights = None if sky.in_memory is None else weigher(sky.in_memory)[1]
     return ReweightedFit(
         solution=solution,
         weights=weights,
         n_rounds=rounds,
         inflation=inflation,
         effective=float(effective),
-        nu=share.weight.nu,
-        share=share,
+        nu=weigher.weight.nu,
+        share=weigher,
     )
 
 
-def _with_noise(field, noise):
+def _add_noise(field, noise):
     """The sources in parts, with a noise in their errors."""
     sky = as_parts(field, SourcesWithErrors)
     return apply_step(sky, EnlargedErrors(float(noise) ** 2, 1.0)) if noise else sky
 
 
-def _log_likelihood(sky, share):
+def _compute_log_likelihood(sky, weigher):
     """ln of the likelihood of a Student-t fit."""
-    sums = sky.sum(partial(_likelihood_terms, share=share), roles=(), words=f"{_NAME}, likelihood")
-    mean = _log_t(share.weight.nu, share.weight.components, sums["log"] / sums["sources"])
+    sums = sky.sum(partial(_likelihood_terms, weigher=weigher), roles=(), words=f"{_LABEL}, likelihood")
+    mean = _mean_log_t(weigher.weight.nu, weigher.weight.components, sums["log"] / sums["sources"])
     return float(sums["sources"] * mean - sums["logdet"] / 2)
 
 
-def _chi2_about(field, solution):
+def _sum_chi2(field, solution):
     return float(np.sum(solution.residuals(field).whitened ** 2))
 
 
-def _likelihood_terms(field, share):
-    log = _sum_log(1 + share(field)[0] / share.weight.nu)
-    logdet = sum(field[part].log_determinants.sum() for part in slice_blocks(len(field)))
+def _likelihood_terms(field, weigher):
+    log = _sum_log(1 + weigher(field)[0] / weigher.weight.nu)
+    logdet = sum(field[rows].log_determinants.sum() for rows in slice_blocks(len(field)))
     return {"log": float(log), "logdet": float(logdet), "sources": len(field)}
 
 
-def _plain_sums(field, modes):
+def _sum_plain_equations(field, modes):
     return normal_equations(field, modes), float(field.information.sum())
 
 
-def _weighted_sums(field, share, modes):
-    _, u, _, _ = share(field)
+def _weighted_equations(field, weigher, modes):
+    _, u, _, _ = weigher(field)
     normal = normal_equations(field.with_errors(field.sigma / np.sqrt(u)), modes)
-    return {"normal": normal} | _scale_sums(field, share)
+    return {"normal": normal} | _sum_scale_terms(field, weigher)
 
 
-def _class_equations(field, share, modes, stretch):
+def _sum_class_equations(field, weigher, modes, stretch):
     """Weighted equations of some sources whose residuals are stretched."""
-    _, u, _, residual = share(field)
+    _, u, _, residual = weigher(field)
     residual = residual[0] if field.components == 1 else residual
     return normal_equations(field.minus((1 - stretch) * residual).with_errors(field.sigma / np.sqrt(u)), modes)
 
 
-def _scale_sums(field, share):
+def _sum_scale_terms(field, weigher):
     """The sums that the scale of weighted equations follows from."""
-    x2, u, slope, _ = share(field)
+    x2, u, slope, _ = weigher(field)
     weight = field.information
     return {
         "u": float(weight @ u),
@@ -558,21 +558,21 @@ def _scale_sums(field, share):
     }
 
 
-def _score_factors(field, share):
-    x2, u, slope, residual = share(field)
+def _compute_score_factors(field, weigher):
+    x2, u, slope, residual = weigher(field)
     # ∂(uΔ)/∂Δ is u across Δ and u + 2u'X² along it: their mean over the components.
     return residual, u, u + 2 / field.components * slope * x2
 
 
-def _weight_facts(field, share):
-    _, u, _, residual = share(field)
+def _weight_facts(field, weigher):
+    _, u, _, residual = weigher(field)
     labels = field.name if field.name is not None else np.arange(len(field))
-    few = np.argpartition(u, min(5, len(u) - 1))[:5]
-    least = few[np.argsort(u[few], kind="stable")]
+    candidates = np.argpartition(u, min(5, len(u) - 1))[:5]
+    least = candidates[np.argsort(u[candidates], kind="stable")]
     return {
         "u": float(u.sum()),
         "u²": float(u @ u),
-        "chi2": float(sum(field[part].inner(*2 * [residual[:, part]]).sum() for part in slice_blocks(len(field)))),
+        "chi2": float(sum(field[rows].inner(*2 * [residual[:, rows]]).sum() for rows in slice_blocks(len(field)))),
         "sources": len(field),
         "least": [(float(u[i]), one_line_text(labels[i])) for i in least],
         "most": [float(u.max())],

@@ -45,7 +45,7 @@ U, A, OMEGA, V = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 #: Sources whose flow is computed at once.
 _BLOCK = 512
 #: Distances surer than this leave no room for magnitudes to tell near from far: sources weigh by their own errors.
-_SURE = 0.05
+_SURE_ERROR = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +103,10 @@ class ParallaxEquations:
         n = self.n_data // 2
         if n <= n_sources:
             return self
-        share = self.rate[:n] ** 2 * (1 / self.variance[:n] + 1 / self.variance[n:])
-        sources = np.sort(np.argpartition(-share, n_sources)[:n_sources])
+        sensitivity = self.rate[:n] ** 2 * (1 / self.variance[:n] + 1 / self.variance[n:])
+        sources = np.sort(np.argpartition(-sensitivity, n_sources)[:n_sources])
         rows = np.r_[sources, sources + n]
-        flow = None if self.flow is None else self.flow.only(sources[sources < len(self.flow.lon)])
+        flow = None if self.flow is None else self.flow.select(sources[sources < len(self.flow.lon)])
         columns = {name: getattr(self, name)[rows] for name in ("design", "motion", "variance", "rate", "left")}
         return replace(self, **columns, flow=flow)
 
@@ -121,15 +121,15 @@ class ParallaxEquations:
         n_near = 0 if self.flow is None else len(self.flow.lon)
         far_rows = np.r_[n_near:n, n + n_near : 2 * n]
 
-        def weighted_gram(index, further):
+        def weighted_gram(index, flow_rows):
             base = self.variance[index, None] + self.left[index, None] * ratio**2
             variance = self.rate[index, None] ** 2 * squares[0] + (base + squares[1])
-            rows = np.concatenate([self.design[index].T, self.motion[index][None], *further])
-            return _gram(rows, variance), np.log(variance).sum(0)
+            rows = np.concatenate([self.design[index].T, self.motion[index][None], *flow_rows])
+            return _compute_gram(rows, variance), np.log(variance).sum(0)
 
         def near_block(chunk):
             assert self.flow is not None
-            return weighted_gram(np.r_[chunk, slice(n + chunk.start, n + chunk.stop)], [self.flow.rows(chunk).T])
+            return weighted_gram(np.r_[chunk, slice(n + chunk.start, n + chunk.stop)], [self.flow.columns(chunk).T])
 
         def far_block(chunk):
             return weighted_gram(far_rows[chunk], [])
@@ -138,18 +138,18 @@ class ParallaxEquations:
         gram: Any = np.zeros((n_variances, total, total))
         logdet: Any = np.zeros(n_variances)
         far_size = max(64, 2**20 // max(55, n_variances))
-        rooms = (near_block, n_near, _BLOCK, total), (far_block, far_rows.size, far_size, size)
-        for work, count, block_size, width in rooms:
-            for block, log in map_blocks(work, count, block_size, threads):
+        jobs = ((near_block, n_near, _BLOCK, total), (far_block, far_rows.size, far_size, size))
+        for work, count, block_size, width in jobs:
+            for block, block_logdet in map_blocks(work, count, block_size, threads):
                 gram[:, :width, :width] += block
-                logdet += log
+                logdet += block_logdet
         order = np.r_[: size - 1, size:total, size - 1]  # the motion last
         gram = gram[:, order[:, None], order].reshape(*spread.shape, len(order), len(order))
         logdet_grid: Any = logdet.reshape(spread.shape)
         return ParallaxSums(gram[..., :-1, :-1], gram[..., :-1, -1], gram[..., -1, -1], logdet_grid, self.n_data)
 
 
-def _gram(rows, variance):
+def _compute_gram(rows, variance):
     """Σ rows rowsᵀ/V for every column of variances, (m, k, k); rows are (k, n)."""
     k, n_variances = len(rows), variance.shape[1]
     if k <= 16:
@@ -167,7 +167,7 @@ def _gram(rows, variance):
     return matrices
 
 
-def equations_of(
+def make_field_equations(
     field: Field,
     calibration: Calibration,
     *,
@@ -181,22 +181,22 @@ def equations_of(
     """The equations of a field."""
     k = inverse_distances(field, calibration, threads)
     distance = k.distance * calibration.little_h
-    mean, y, notes = k.mean, field.motion, field.notes
+    mean, motion, notes = k.mean, field.motion, field.notes
     if reconstruction is not None:
-        across, shift, note = known_flow(reconstruction, field, distance, k.slope)
-        mean = mean + np.clip(shift, -mean / 2, mean)
-        y, notes = y - across * mean * np.where(k.own, 1.0, ratio), (*notes, *note)
+        tangential_velocity, mean_shift, flow_notes = find_known_flow(reconstruction, field, distance, k.slope)
+        mean = mean + np.clip(mean_shift, -mean / 2, mean)
+        motion, notes = motion - tangential_velocity * mean * np.where(k.own, 1.0, ratio), (*notes, *flow_notes)
     scale = np.where(k.own, ratio, 1.0)  # what is in Mpc moves by v/d, not by u/d
     mean, variance_of_k = mean / scale, k.variance / scale**2
     p, q, _ = triad(field.lon, field.lat)
-    cos, sin, large, small = _error_ellipses(field, calibration, k)
+    cos, sin, major_variance, minor_variance = _compute_error_ellipses(field, calibration, k)
     own_mask = np.where(k.own & apart, 1.0, 0.0)
     # Our own motion moves sources by v/d_P, which in curved space is another distance than d_M.
     parallax_rate = mean * parallax_factor(
         1 / (AU_PER_YEAR * np.where(k.own, k.mean / ratio, k.mean)), calibration.cosmology
     )
-    ours = -parallax_rate * np.stack([p, q])
-    columns = [ours * (1 - own_mask), [p, q], [q, -p], *([ours * own_mask] if apart else [])]
+    velocity_columns = -parallax_rate * np.stack([p, q])
+    columns = [velocity_columns * (1 - own_mask), [p, q], [q, -p], *([velocity_columns * own_mask] if apart else [])]
     east, north = np.concatenate(columns, axis=1)
     flow, residual_variance = None, np.zeros(len(field))
     velocity_variance = np.sum(CMB_VELOCITY_PLANCK18.to_frame(field.frame).value ** 2) / 3
@@ -210,11 +210,11 @@ def equations_of(
         residual_variance[is_near] = modes.left(distance[is_near])[0]
         flow = FlowRows(modes, *(array[near_indices] for array in (field.lon, field.lat, distance, mean, cos, sin)))
     rate = np.sqrt(mean**2 + variance_of_k)
-    scatter, residual_variance = variance_of_k * velocity_variance, residual_variance * rate**2
+    scatter_variance, residual_variance = variance_of_k * velocity_variance, residual_variance * rate**2
     rows: dict[str, Any] = {
         "design": np.concatenate([cos * east + sin * north, cos * north - sin * east], axis=1).T,
-        "motion": np.concatenate([cos * y[0] + sin * y[1], cos * y[1] - sin * y[0]]),
-        "variance": np.concatenate([large + scatter, small + scatter]),
+        "motion": np.concatenate([cos * motion[0] + sin * motion[1], cos * motion[1] - sin * motion[0]]),
+        "variance": np.concatenate([major_variance + scatter_variance, minor_variance + scatter_variance]),
         "rate": np.tile(rate, 2),
         "left": np.tile(residual_variance, 2),
     }
@@ -225,20 +225,20 @@ def equations_of(
     return ParallaxEquations(**rows, hubble=hubble, frame=field.frame, notes=notes, flow=flow, n_own=int(k.own.sum()))
 
 
-def _error_ellipses(field, calibration, k):
+def _compute_error_ellipses(field, calibration, k):
     """Direction and variances of error ellipses; circles where distances are unsure and only redshifts may weigh."""
     (s1, s2), rho = field.sigma**2, field.rho
     if calibration.errors is not None:
-        is_uncertain = ~k.own & (np.sqrt(k.variance) > _SURE * k.mean)
+        is_uncertain = ~k.own & (np.sqrt(k.variance) > _SURE_ERROR * k.mean)
         mean = calibration.errors.at(k.redshift)
         s1, s2 = (np.where(is_uncertain, mean, square) for square in (s1, s2))
         rho = np.where(is_uncertain, 0.0, rho)
     covariance = rho * np.sqrt(s1 * s2)
     angle = np.arctan2(2 * covariance, s1 - s2) / 2
-    mean, half = (s1 + s2) / 2, np.hypot((s1 - s2) / 2, covariance)
-    large = mean + half
-    small = s1 * s2 * (1 - rho**2) / large  # mean − half would cancel
-    return np.cos(angle), np.sin(angle), large, small
+    mean, half_difference = (s1 + s2) / 2, np.hypot((s1 - s2) / 2, covariance)
+    major_variance = mean + half_difference
+    minor_variance = s1 * s2 * (1 - rho**2) / major_variance  # mean − half would cancel
+    return np.cos(angle), np.sin(angle), major_variance, minor_variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +265,7 @@ class ParallaxParts:
     @classmethod
     def of(cls, sky: Parts, calibration: Calibration, options: dict[str, Any]) -> ParallaxParts:
         """The equations of a catalogue in parts."""
-        work = partial(_facts_of, calibration=calibration, options=options)
+        work = partial(_collect_facts, calibration=calibration, options=options)
         facts = sky.sum(work, roles=DISTANCES, words="redshifts")
         if len(facts["frames"]) > 1:
             raise FrameError(f"parts are in {' and '.join(sorted(facts['frames']))}: take all to one frame")
@@ -280,27 +280,27 @@ class ParallaxParts:
         return self.sky.sum(work, roles=DISTANCES, words="secular parallax")
 
 
-def _facts_of(field, calibration, options):
-    rows = equations_of(field, calibration, **options)
+def _collect_facts(field, calibration, options):
+    equations = make_field_equations(field, calibration, **options)
     return {
-        "n_data": rows.n_data,
-        "variance": [rows.smallest_variance],
-        "rate": [rows.largest_rate],
-        "frames": {rows.frame: None},
-        "notes": [rows.notes],
-        "n_own": rows.n_own,
+        "n_data": equations.n_data,
+        "variance": [equations.smallest_variance],
+        "rate": [equations.largest_rate],
+        "frames": {equations.frame: None},
+        "notes": [equations.notes],
+        "n_own": equations.n_own,
     }
 
 
 def _sums_of(field, calibration, options, spreads, keywords):
-    return equations_of(field, calibration, **options).sums(*spreads, **keywords)
+    return make_field_equations(field, calibration, **options).sums(*spreads, **keywords)
 
 
 def equations(field: Field | Parts, calibration: Calibration, **options: Any) -> ParallaxEquations | ParallaxParts:
     """The equations of a field or of parts."""
     if isinstance(field, Parts):
         return ParallaxParts.of(field, calibration, options)
-    return equations_of(field, calibration, **options)
+    return make_field_equations(field, calibration, **options)
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,28 +322,28 @@ class FlowRows:
     cos: FloatArray
     sin: FloatArray
 
-    def only(self, index: IntArray) -> FlowRows:
+    def select(self, source_indices: IntArray) -> FlowRows:
         """Equations of some sources."""
         names = ("lon", "lat", "distance", "rate", "cos", "sin")
-        return FlowRows(self.modes, *(getattr(self, name)[index] for name in names))
+        return FlowRows(self.modes, *(getattr(self, name)[source_indices] for name in names))
 
-    def rows(self, part: slice) -> FloatArray:
+    def columns(self, sources: slice) -> FloatArray:
         """The columns of some sources, (2k, p): the first components of all, then the second. [µas/yr]"""
-        cos, sin = self.cos[part] * self.rate[part], self.sin[part] * self.rate[part]
+        cos, sin = self.cos[sources] * self.rate[sources], self.sin[sources] * self.rate[sources]
         turn = np.stack([[cos, sin], [-sin, cos]])
-        columns = self.modes.columns(self.lon[part], self.lat[part], self.distance[part], turn)
+        columns = self.modes.columns(self.lon[sources], self.lat[sources], self.distance[sources], turn)
         return columns.reshape(len(self.modes), -1).T
 
 
-def known_flow(
+def find_known_flow(
     grid: VelocityGrid, field: Field, distance: FloatArray, slope: FloatArray
 ) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
     """Velocities that are known from elsewhere: across, what they do to 1/d by the redshift, and a note."""
-    velocity, inside = grid.at(field.lon, field.lat, distance, field.frame)
+    velocity, is_inside = grid.at(field.lon, field.lat, distance, field.frame)
     across, along = local_components(velocity, field.lon, field.lat)
-    outside = int((~inside).sum())
-    note = f"{outside} sources lie outside of the reconstructed flow, which is taken as zero there"
-    return across, -slope * along / SPEED_OF_LIGHT, (note,) if outside else ()
+    n_outside = int((~is_inside).sum())
+    note = f"{n_outside} sources lie outside of the reconstructed flow, which is taken as zero there"
+    return across, -slope * along / SPEED_OF_LIGHT, (note,) if n_outside else ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -384,7 +384,7 @@ class Flow(Result):
 
     def bulk(self, radius: float) -> Vector:
         """The mean velocity at distance `radius` [Mpc/h], over all directions, with its covariance. [km/s]"""
-        rows = _shell_mean(self.modes, positive("radius", radius))
+        rows = _compute_shell_mean(self.modes, positive("radius", radius))
         return Vector(rows @ self.values, rows @ self.covariance @ rows.T, self.frame, "km/s")
 
     def _sections(self, long):
@@ -410,11 +410,11 @@ class Flow(Result):
         return plot_flow(self, ax=ax)
 
 
-def _shell_mean(modes, radius):
+def _compute_shell_mean(modes, radius):
     """Mean velocity over a shell by each mode, (3, p): (f_r + 2 f_t)/3 e for degree 1, else nothing."""
-    lon, quarter, distance = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2]), np.full(3, radius)
-    along = modes.at(lon, quarter, distance)[1]  # outwards on the axes x, y, z
-    across = modes.at(lon[:2], quarter[:2], distance[:2])[0]  # on x, east is y and north z; on y, east is −x
+    lon, lat, distance = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2]), np.full(3, radius)
+    along = modes.at(lon, lat, distance)[1]  # outwards on the axes x, y, z
+    across = modes.at(lon[:2], lat[:2], distance[:2])[0]  # on x, east is y and north z; on y, east is −x
     toward = np.stack([-across[0, 1], across[0, 0], across[1, 0]])
     dipole = slice(modes.counts[0], modes.counts[0] + 3 * modes.counts[1])
     rows = np.zeros_like(along)
@@ -422,14 +422,14 @@ def _shell_mean(modes, radius):
     return rows
 
 
-def flow_of(
-    rows: Any, amplitudes: Any, theta: FloatArray, to_u: FloatArray, covariance: FloatArray, ratio: float
+def make_flow(
+    equations: Any, amplitudes: Any, theta: FloatArray, to_u: FloatArray, covariance: FloatArray, ratio: float
 ) -> Flow:
     """The flow of a fit, from its amplitudes given the other parameters."""
     slope = amplitudes.slope @ to_u
     values = (amplitudes.mean - amplitudes.slope @ theta) / ratio
-    total = (amplitudes.covariance + slope @ covariance @ slope.T) / ratio**2
-    return Flow(rows.modes, values, (total + total.T) / 2, rows.frame)
+    total_covariance = (amplitudes.covariance + slope @ covariance @ slope.T) / ratio**2
+    return Flow(equations.modes, values, (total_covariance + total_covariance.T) / 2, equations.frame)
 
 
 def with_acceleration(sums: ParallaxSums, acceleration: Vector | None, frame: str) -> ParallaxSums:
@@ -460,12 +460,12 @@ def without_known(sums: ParallaxSums, values: FloatArray, at: slice) -> Parallax
 
 
 def add_flow_prior(sums: ParallaxSums, width: int, scale: FloatArray | float) -> ParallaxSums:
-    """Scale the prior amplitudes of the modes by `scale`."""
+    """Add a Gaussian prior on the amplitudes of the modes of a flow, about zero with the standard deviation `scale`."""
     matrix = sums.matrix.copy()
     modes = np.arange(width, matrix.shape[-1])
     matrix[..., modes, modes] += 1 / np.asarray(scale)[..., None] ** 2
-    count = len(modes) * np.log(np.asarray(scale) ** 2)
-    return replace(sums, matrix=matrix, logdet=sums.logdet + count)
+    prior_logdet = len(modes) * np.log(np.asarray(scale) ** 2)
+    return replace(sums, matrix=matrix, logdet=sums.logdet + prior_logdet)
 
 
 @dataclass(frozen=True, eq=False)
@@ -486,10 +486,10 @@ def marginalise_flow(sums: ParallaxSums, width: int) -> tuple[ParallaxSums, Ampl
     logdet = 2 * np.log(np.einsum("...ii->...i", root)).sum(-1)
     solution = np.linalg.solve(inner, np.concatenate([matrix[..., modes, parameters], rhs[..., modes, None]], axis=-1))
     slope, mean = solution[..., :-1], solution[..., -1]
-    across = matrix[..., parameters, modes]
+    cross_matrix = matrix[..., parameters, modes]
     marginal = ParallaxSums(
-        matrix[..., parameters, parameters] - across @ slope,
-        rhs[..., parameters] - np.einsum("...ij,...j->...i", across, mean),
+        matrix[..., parameters, parameters] - cross_matrix @ slope,
+        rhs[..., parameters] - np.einsum("...ij,...j->...i", cross_matrix, mean),
         sums.chi2_null - np.einsum("...i,...i->...", rhs[..., modes], mean),
         sums.logdet + logdet,
         sums.n_data,
@@ -517,7 +517,7 @@ class LocalGroup:
     covariance: FloatArray
 
     def added(
-        self, sums: ParallaxSums, width: int, ratio: float, ours: FloatArray | None, h: float | None = None
+        self, sums: ParallaxSums, width: int, ratio: float, our_velocity: FloatArray | None, h: float | None = None
     ) -> ParallaxSums:
         """Normal equations with this measurement as well; they hold the flow's prior already.
 
@@ -531,11 +531,11 @@ class LocalGroup:
         size = pull @ mean
         matrix, rhs, chi2_null = sums.matrix.copy(), sums.rhs.copy(), sums.chi2_null
         matrix[width:, width:] += gain @ design
-        if ours is None:
+        if our_velocity is None:
             rhs[width:] += pull * h
             chi2_null = chi2_null + size * h**2
         else:
-            toward = ours / (ours @ ours)
+            toward = our_velocity / (our_velocity @ our_velocity)
             matrix[U, U] += size * np.outer(toward, toward)
             matrix[width:, U] -= np.outer(pull, toward)
             matrix[U, width:] = matrix[width:, U].T
@@ -543,7 +543,7 @@ class LocalGroup:
 
 
 #: Size of the subsample; it determines the omitted flow to a few per cent.
-_SOURCES = 20_000
+_SUBSAMPLE_SIZE = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -557,7 +557,7 @@ class OmittedFlow:
 
     def sums(self, spread: float, excess_noise: float, n_sources: int) -> ParallaxSums:
         """Normal matrix and right-hand side with the flow's columns, from a subsample, scaled to all sources."""
-        subsample = apply_step(self.field, partial(_take_subsample, share=_SOURCES / n_sources))
+        subsample = apply_step(self.field, partial(_take_subsample, share=_SUBSAMPLE_SIZE / n_sources))
         rows = equations(subsample, self.calibration, modes=self.modes, **self.options)
         sums = rows.sums(spread, excess_noise)
         scale = n_sources / (sums.n_data // 2)
@@ -574,8 +574,8 @@ def flow_covariance(sums: ParallaxSums, to_u: FloatArray, ratio: float) -> Float
 
 def _take_subsample(field, share):
     """A share of the sources, by their places: at least one."""
-    selection = select_share(share, field.lon, field.lat)
-    return field[selection] if selection.any() else field[:1]
+    is_selected = select_share(share, field.lon, field.lat)
+    return field[is_selected] if is_selected.any() else field[:1]
 
 
 def solve_for(
@@ -583,7 +583,7 @@ def solve_for(
     to_u: FloatArray,
     names: tuple[str, ...],
     spin: Literal["free"] | Vector | None,
-    rows: ParallaxEquations | ParallaxParts,
+    equations: ParallaxEquations | ParallaxParts,
     acceleration: Vector | None,
     ratio: float,
     group: LocalGroup | None = None,
@@ -597,7 +597,7 @@ def solve_for(
     what a solution is made with.
     """
     width = 9 if velocity is None else 12
-    sums = with_acceleration(sums, acceleration, rows.frame)
+    sums = with_acceleration(sums, acceleration, equations.frame)
     noise_matrix, amplitudes = sums.matrix[:width, :width], None
     if isinstance(spin, str) and spin == "free":
         to_u = np.concatenate([to_u, np.eye(width)[:, OMEGA]], axis=1)
@@ -608,9 +608,9 @@ def solve_for(
     if velocity is not None:
         constants[V] = velocity
     if isinstance(spin, Vector):
-        spin = spin.to_frame(rows.frame)
+        spin = spin.to_frame(equations.frame)
         constants[OMEGA] = spin.value
-    if rows.modes is not None:
+    if equations.modes is not None:
         sums = add_flow_prior(sums, width, ratio)
         if group is not None:
             sums = group.added(sums, width, ratio, velocity)
@@ -619,28 +619,28 @@ def solve_for(
     check_determined(normal, names, sums.n_data // 2)
     inverse = np.linalg.inv(normal)
     covariance = (inverse + inverse.T) / 2
-    remainder = without_known(sums, constants, slice(None))
-    rhs = to_u.T @ remainder.rhs
+    reduced_sums = without_known(sums, constants, slice(None))
+    rhs = to_u.T @ reduced_sums.rhs
     values = inverse @ rhs
-    noise = np.linalg.inv(to_u.T @ noise_matrix @ to_u) if rows.modes is not None else covariance
+    noise = np.linalg.inv(to_u.T @ noise_matrix @ to_u) if equations.modes is not None else covariance
     if isinstance(spin, Vector):
-        carry = covariance @ to_u.T @ sums.matrix[:, OMEGA]
-        covariance = covariance + carry @ spin.covariance @ carry.T
+        spin_response = covariance @ to_u.T @ sums.matrix[:, OMEGA]
+        covariance = covariance + spin_response @ spin.covariance @ spin_response.T
     attributes = {
         "names": names,
         "values": values,
         "covariance": covariance,
-        "chi2": float(remainder.chi2_null - values @ rhs),
+        "chi2": float(reduced_sums.chi2_null - values @ rhs),
         "n_data": sums.n_data,
-        "frame": rows.frame,
-        "notes": rows.notes,
+        "frame": equations.frame,
+        "notes": equations.notes,
         "noise_covariance": noise,
     }
     if left_out is not None:
-        left_out = with_acceleration(left_out, acceleration, rows.frame)
+        left_out = with_acceleration(left_out, acceleration, equations.frame)
         attributes["flow_covariance"] = flow_covariance(left_out, to_u, ratio)
     if amplitudes is not None:
-        attributes["flow"] = flow_of(rows, amplitudes, to_u @ values + constants, to_u, covariance, ratio)
+        attributes["flow"] = make_flow(equations, amplitudes, to_u @ values + constants, to_u, covariance, ratio)
     return attributes
 
 
@@ -648,8 +648,8 @@ def check_determined(matrix: FloatArray, names: Sequence[str], sources: int, lim
     """Raise DegeneracyError if the data do not determine some combination of the parameters."""
     diagonal = np.diag(matrix)
     if 2 * sources >= len(names) and (diagonal > 0).all():
-        values = np.linalg.eigvalsh(matrix / np.sqrt(np.outer(diagonal, diagonal)))
-        if values[0] * limit > values[-1]:
+        eigenvalues = np.linalg.eigvalsh(matrix / np.sqrt(np.outer(diagonal, diagonal)))
+        if eigenvalues[0] * limit > eigenvalues[-1]:
             return
     raise DegeneracyError(
         f"{sources} sources cannot separate {', '.join(names)}: more sources, over more of the sky and of "

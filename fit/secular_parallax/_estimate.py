@@ -15,8 +15,8 @@ import numpy as np
 from fit.distances import declared_frame, has_distance_or_parallax
 from fit.results.storage import Result
 from fit.secular_parallax._equations import OMEGA, A, LocalGroup, ParallaxEquations, ParallaxParts, U, solve_for
-from fit.secular_parallax._model import DistanceModel, model_of
-from fit.secular_parallax._solution import HubbleSolution, VelocitySolution, preferred_dispersion
+from fit.secular_parallax._model import DistanceModel, make_distance_model
+from fit.secular_parallax._solution import HubbleSolution, VelocitySolution, find_preferred_dispersion
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts
@@ -37,16 +37,16 @@ def is_frame_undeclared(field: Field | Parts, redshift_frame: str | None) -> boo
     return first_field.redshift is not None and first_field.redshift_frame is None
 
 
-def warn_of_undeclared_frame(rows: Any, field: Field | Parts, redshift_frame: str | None) -> Any:
+def warn_of_undeclared_frame(equations: Any, field: Field | Parts, redshift_frame: str | None) -> Any:
     """The equations, with a note and a warning where the frame of the redshifts is not given."""
     if not is_frame_undeclared(field, redshift_frame):
-        return rows
+        return equations
     note = (
         "the frame of the redshifts is not given, so they are taken as true ones, without velocities or errors in "
         "them. Say which: redshift_frame= (--redshift-frame)"
     )
     warn(note, VshWarning, stacklevel=4)
-    return replace(rows, notes=(f"warning: {note}", *rows.notes))
+    return replace(equations, notes=(f"warning: {note}", *equations.notes))
 
 
 #: By which the Local Group departs from the flow of the modes: with 250 of them they leave 106 km/s of linear flows,
@@ -122,37 +122,37 @@ def observer_velocity(
             f"{_PRODUCT}: give hubble=, or a velocity to fit.secular_parallax.hubble_constant, or priors to "
             "fit.posterior.sample"
         )
-    model = model_of(model, options)
+    model = make_distance_model(model, options)
     rows = warn_of_undeclared_frame(model.equations(field, ratio=hubble / model.hubble), field, model.redshift_frame)
     known = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise}
-    return _velocity_from(rows, hubble, model.dispersion, **known)
+    return _solve_for_velocity(rows, hubble, model.dispersion, **known)
 
 
-def _velocity_from(rows, hubble, dispersion, **known):
+def _solve_for_velocity(equations, hubble, dispersion, **known):
     """Our velocity from equations with distances for this H0; of the rest `local_group` is for forecasts alone."""
-    ratio = hubble / rows.hubble
-    solve, about = _solver(rows, dispersion, ratio, **known)
+    ratio = hubble / equations.hubble
+    solve, dispersions = _make_solver(equations, dispersion, ratio, **known)
     to_u = np.eye(9)
     to_u[U, U] *= ratio  # u = v H0/H_ref
     attributes = solve(to_u[:, : OMEGA.start], ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z"))
-    return VelocitySolution(**attributes, **about, assumed_hubble=hubble)
+    return VelocitySolution(**attributes, **dispersions, assumed_hubble=hubble)
 
 
-def _solver(
-    rows, dispersion, ratio, *, spin=None, acceleration=None, excess_noise=0.0, local_group=None, preferred=True
+def _make_solver(
+    equations, dispersion, ratio, *, spin=None, acceleration=None, excess_noise=0.0, local_group=None, preferred=True
 ):
     """`solve_for` these equations, a function of to_u, the names and our velocity; and the dispersions of the result.
 
     The dispersion that the residuals prefer is None for parts, and where it is not `preferred`, asked for.
     """
-    group, sums = local_group_of(local_group, rows), rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
-    omission, best = rows.left_out, None
-    left_out = None if omission is None else omission.sums(dispersion * ratio, excess_noise, rows.n_data // 2)
-    if preferred and isinstance(rows, ParallaxEquations):
-        best = preferred_dispersion(rows, dispersion, excess_noise, acceleration, ratio, spin)
-    known = {"spin": spin, "rows": rows, "acceleration": acceleration, "ratio": ratio}
+    group, sums = local_group_of(local_group, equations), equations.sums(dispersion * ratio, excess_noise, ratio=ratio)
+    omitted, best_dispersion = equations.left_out, None
+    left_out = None if omitted is None else omitted.sums(dispersion * ratio, excess_noise, equations.n_data // 2)
+    if preferred and isinstance(equations, ParallaxEquations):
+        best_dispersion = find_preferred_dispersion(equations, dispersion, excess_noise, acceleration, ratio, spin)
+    known = {"spin": spin, "equations": equations, "acceleration": acceleration, "ratio": ratio}
     solve = partial(solve_for, sums, **known, group=group, left_out=left_out)
-    return solve, {"preferred": best, "peculiar_dispersion": dispersion}
+    return solve, {"preferred": best_dispersion, "peculiar_dispersion": dispersion}
 
 
 @arguments.accepts(field=arguments.a(Field, Parts), hubble=arguments.positive, excess_noise=arguments.not_negative)
@@ -193,10 +193,10 @@ def hubble_constant(
             f"{_PRODUCT}: give velocity=, or a Hubble constant to fit.secular_parallax.observer_velocity, or priors to "
             "fit.posterior.sample"
         )
-    model = model_of(model, options)
+    model = make_distance_model(model, options)
     rows = warn_of_undeclared_frame(model.equations(field, apart=True), field, model.redshift_frame)
     known = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise, "local_group": local_group}
-    solution = _hubble_from(rows, velocity, model.dispersion, hubble, **known)
+    solution = _solve_for_hubble(rows, velocity, model.dispersion, hubble, **known)
     frame = model.redshift_frame or declared_frame(field)
     return replace(solution, notes=(*solution.notes, *notes_on_group(rows, local_group, frame)))
 
@@ -206,7 +206,7 @@ WITH_GROUP = "the Local Group's motion"
 
 
 def notes_on_group(
-    rows: ParallaxEquations | ParallaxParts, local_group: Vector | bool | None, frame: str | None
+    equations: ParallaxEquations | ParallaxParts, local_group: Vector | bool | None, frame: str | None
 ) -> list[CodedNote]:
     """Return a note on the flow where we are: which was assumed, or that none was where there should be one.
 
@@ -215,52 +215,52 @@ def notes_on_group(
     """
     if local_group is None or local_group is False:
         text = "warning: where we move with the galaxies nearby, H0 is too low by about its error"
-        is_missing = local_group is None and rows.modes is not None and frame not in (None, "true")
+        is_missing = local_group is None and equations.modes is not None and frame not in (None, "true")
         return [CodedNote(f"{text}: use the Local Group's motion, local_group=True (--flows yes)", "")] * is_missing
     velocity = LOCAL_GROUP if local_group is True else local_group
     text = f"the galaxies nearby move as the Local Group, {velocity.amplitude:.0f} km/s in the microwave background"
     return [CodedNote(f"{text}, and we with them; without that: --flows alone (local_group=False)", WITH_GROUP)]
 
 
-def _hubble_from(rows, velocity, dispersion, hubble=None, **known):
-    """The Hubble constant from equations with V apart; the rest as for `_solver`."""
-    velocity = velocity_in_frame(velocity, rows.frame)
-    if rows.n_own and 2 * rows.n_own >= rows.n_data:
+def _solve_for_hubble(equations, velocity, dispersion, hubble=None, **known):
+    """The Hubble constant from equations with V apart; the rest as for `_make_solver`."""
+    velocity = velocity_in_frame(velocity, equations.frame)
+    if equations.n_own and 2 * equations.n_own >= equations.n_data:
         raise ParameterError(
-            f"all {rows.n_own} sources have measured distances, of which the motions tell v and nothing of H0: leave "
-            "the distances out (--columns distance=), or fit v with observer_velocity (--h0)"
+            f"all {equations.n_own} sources have measured distances, of which the motions tell v and nothing of H0: "
+            "leave the distances out (--columns distance=), or fit v with observer_velocity (--h0)"
         )
-    ratio = 1.0 if hubble is None else hubble / rows.hubble
-    solve, about = _solver(rows, dispersion, ratio, **known)
+    ratio = 1.0 if hubble is None else hubble / equations.hubble
+    solve, dispersions = _make_solver(equations, dispersion, ratio, **known)
 
-    def at(v):
+    def solve_at(v):
         to_u = np.zeros((12, 4))
-        to_u[U, 0] = v / rows.hubble
+        to_u[U, 0] = v / equations.hubble
         to_u[A, 1:] = np.eye(3)
         return solve(to_u, ("H0", "a_x", "a_y", "a_z"), velocity=v)
 
-    attributes = at(velocity.value)
+    attributes = solve_at(velocity.value)
     if velocity.covariance.any():
         step = 1e-4 * velocity.amplitude
         v, steps = velocity.value, step * np.eye(3)
-        slopes = np.stack([at(v + s)["values"] - at(v - s)["values"] for s in steps], axis=1) / (2 * step)
+        slopes = np.stack([solve_at(v + s)["values"] - solve_at(v - s)["values"] for s in steps], axis=1) / (2 * step)
         attributes["covariance"] = attributes["covariance"] + slopes @ velocity.covariance @ slopes.T
-    return HubbleSolution(**attributes, **about, assumed_velocity=velocity)
+    return HubbleSolution(**attributes, **dispersions, assumed_velocity=velocity)
 
 
-def local_group_of(value: Vector | bool | None, rows: ParallaxEquations | ParallaxParts) -> LocalGroup | None:
+def local_group_of(value: Vector | bool | None, equations: ParallaxEquations | ParallaxParts) -> LocalGroup | None:
     """The Local Group's velocity as a measurement of the flow of some equations."""
     if value is None or value is False:
         return None
-    if rows.modes is None:
+    if equations.modes is None:
         raise ParameterError(
             "the Local Group tells the flow where we are: local_group= needs galaxies with a flow (z < 0.2, not "
             "flows=None)"
         )
     if value is not True and not isinstance(value, Vector):
         raise ParameterError(f"local_group is a Vector in km/s, or True, not {value!r}")
-    velocity = (LOCAL_GROUP if value is True else value).to_frame(rows.frame)
-    return LocalGroup(rows.modes, velocity.value, velocity.covariance + LOCAL_SCATTER**2 * np.eye(3))
+    velocity = (LOCAL_GROUP if value is True else value).to_frame(equations.frame)
+    return LocalGroup(equations.modes, velocity.value, velocity.covariance + LOCAL_SCATTER**2 * np.eye(3))
 
 
 def predict_errors(
@@ -291,20 +291,20 @@ def predict_errors(
     **options
         Other arguments of `fit.secular_parallax.observer_velocity` except `hubble`, such as flows="linear".
     """
-    still = Field.from_positions(sources, sigma)
-    still = still.minus(still.motion)
-    options = {"redshift_frame": still.redshift_frame or "true"} | options
+    motionless = Field.from_positions(sources, sigma)
+    motionless = motionless.minus(motionless.motion)
+    options = {"redshift_frame": motionless.redshift_frame or "true"} | options
     fit_options = {name: options[name] for name in ("spin", "acceleration", "excess_noise") if name in options}
-    model = model_of(None, {name: value for name, value in options.items() if name not in fit_options})
+    model = make_distance_model(None, {name: value for name, value in options.items() if name not in fit_options})
     keywords: dict[str, Any] = fit_options | {"local_group": local_group, "preferred": False}
-    rows = model.equations(still, ratio=hubble / model.hubble, flow_left_out=left_out)
-    apart = model.equations(still, apart=True, flow_left_out=left_out)
-    ours = _velocity_from(rows, hubble, model.dispersion, **keywords)
-    constant = _hubble_from(apart, velocity, model.dispersion, hubble, **keywords)
+    equations = model.equations(motionless, ratio=hubble / model.hubble, flow_left_out=left_out)
+    hubble_equations = model.equations(motionless, apart=True, flow_left_out=left_out)
+    velocity_solution = _solve_for_velocity(equations, hubble, model.dispersion, **keywords)
+    hubble_solution = _solve_for_hubble(hubble_equations, velocity, model.dispersion, hubble, **keywords)
     nan = float("nan")
     return (
-        replace(ours, values=np.full(len(ours.names), nan), chi2=nan),
-        replace(constant, values=np.full(len(constant.names), nan), chi2=nan),
+        replace(velocity_solution, values=np.full(len(velocity_solution.names), nan), chi2=nan),
+        replace(hubble_solution, values=np.full(len(hubble_solution.names), nan), chi2=nan),
     )
 
 
@@ -418,7 +418,7 @@ def forecast_velocity(
     """
     if not catalogues:
         raise ParameterError("a forecast is of one catalogue at least")
-    sources, velocity, constant = [], [], []
+    sources, velocity_errors, hubble_errors = [], [], []
     for field in map(with_redshift, catalogues.values()):
         for limit in limits:
             selection = field[np.asarray(field.redshift) < limit]
@@ -427,15 +427,15 @@ def forecast_velocity(
                 keywords = (
                     {"redshift_frame": redshift_frame} | options | ({"n_modes": n_modes} if options["flows"] else {})
                 )
-                ours, h = predict_errors(selection, hubble, **keywords)
-                velocity.append(np.sqrt(np.trace(ours.velocity.covariance) / 3))
-                constant.append(h.hubble_error)
+                velocity_solution, hubble_solution = predict_errors(selection, hubble, **keywords)
+                velocity_errors.append(np.sqrt(np.trace(velocity_solution.velocity.covariance) / 3))
+                hubble_errors.append(hubble_solution.hubble_error)
     shape = len(catalogues), len(limits)
     return VelocityForecast(
         catalogues=tuple(catalogues),
         limits=tuple(map(float, limits)),
         known=tuple(KNOWN),
         sources=np.reshape(sources, shape),
-        velocity=np.reshape(velocity, (*shape, len(KNOWN))),
-        hubble=np.reshape(constant, (*shape, len(KNOWN))),
+        velocity=np.reshape(velocity_errors, (*shape, len(KNOWN))),
+        hubble=np.reshape(hubble_errors, (*shape, len(KNOWN))),
     )

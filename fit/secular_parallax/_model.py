@@ -152,16 +152,16 @@ class DistanceModel(InNotebook):
         keywords: dict[str, Any] = {"ratio": ratio, "apart": apart, "threads": threads}
         rows = equations(field, calibration, theory=theory, modes=modes, reconstruction=self.reconstruction, **keywords)
         if theory is None and flow_left_out:
-            reach = modes_within(limits, calibration.cosmology, LINEAR_PLANCK18, _MODES_LEFT_OUT)
-            rows = replace(rows, left_out=None if reach is None else OmittedFlow(field, calibration, reach, keywords))
+            extra = modes_within(limits, calibration.cosmology, LINEAR_PLANCK18, _MODES_LEFT_OUT)
+            rows = replace(rows, left_out=None if extra is None else OmittedFlow(field, calibration, extra, keywords))
         return rows
 
     def _calibrate(self, field, theory) -> Calibration:
-        radial = self.dispersion if theory is None else float(np.hypot(self.dispersion, theory.sigma))
+        radial_dispersion = self.dispersion if theory is None else float(np.hypot(self.dispersion, theory.sigma))
         return calibrate(
             field,
             self.redshift_frame,
-            radial,
+            radial_dispersion,
             cosmology=self._distance_cosmology,
             density=self.density,
             luminosity=self.luminosity,
@@ -173,7 +173,7 @@ class DistanceModel(InNotebook):
 ASSUMED = frozenset(DistanceModel.__dataclass_fields__)
 
 
-def model_of(model: DistanceModel | None, options: Mapping[str, Any]) -> DistanceModel:
+def make_distance_model(model: DistanceModel | None, options: Mapping[str, Any]) -> DistanceModel:
     """The model that an estimate was given, or its attributes one by one."""
     if unknown := sorted({*options} - ASSUMED):
         raise ParameterError(f"no argument is called {', '.join(unknown)}; there are {', '.join(sorted(ASSUMED))}")

@@ -36,28 +36,28 @@ def plot_flow(flow: Any, *, ax: OnAxes | None = None) -> AxesArray:
     radial = [flow.at(lon, lat, np.full(lon.size, radius))[1] for radius in radii]
     reach = max(float(np.abs(velocities).max()) for velocities in radial) or 1.0
     image: Any = None
-    for i, (radius, values) in enumerate(zip(radii, radial, strict=True)):
+    for i, (radius, radial_velocity) in enumerate(zip(radii, radial, strict=True)):
         axes = subplots[i] = sky_axes(flow.frame, subplots[i])
-        image = draw_map(axes, values, cmap=DIVERGING, vmin=-reach, vmax=reach, alpha=0.85)
+        image = draw_map(axes, radial_velocity, cmap=DIVERGING, vmin=-reach, vmax=reach, alpha=0.85)
         grid = arrow_grid(axes, 18.0)
         tangential, _ = flow.at(*grid, np.full(grid[0].size, radius))
         draw_vectors(axes, *grid, tangential, scale=reach, longest=_LONGEST, color="0.1")
         draw_key(axes, reach, "km/s across", _LONGEST)
-        fraction = _share_determined(flow, radius)
+        fraction = _compute_share_determined(flow, radius)
         axes.set_title(f"{radius:.0f} Mpc/h: {fraction:.0%} of the flow's variance known from the motions")
     bar = axes.figure.colorbar(image, ax=list(subplots), orientation="horizontal", shrink=0.7, pad=0.02, aspect=30)
     bar.set_label("velocity away from us  [km/s], in the frame of the CMB")
     return subplots
 
 
-def _share_determined(flow, radius, n_directions=48):
+def _compute_share_determined(flow, radius, n_directions=48):
     """The share of the modes' variance that the fit took away, over directions."""
     lon, lat = even_grid(30.0)
     lon, lat = lon[:: max(1, lon.size // n_directions)], lat[:: max(1, lat.size // n_directions)]
     tangential, radial = flow.modes.at(lon, lat, np.full(lon.size, radius))
     rows = np.concatenate([tangential[0], tangential[1], radial])
-    after = np.einsum("ni,ij,nj->n", rows, flow.covariance, rows)
-    return max(0.0, 1 - after.sum() / np.sum(rows**2))
+    remaining_variance = np.einsum("ni,ij,nj->n", rows, flow.covariance, rows)
+    return max(0.0, 1 - remaining_variance.sum() / np.sum(rows**2))
 
 
 @apply_style

@@ -63,7 +63,7 @@ def _true_row(vector, true, form, remark=""):
     return ("  truth", *cells, remark)
 
 
-def _dispersion_verdict(solution):
+def _judge_dispersion(solution):
     """Return whether the residuals contradict the dispersion, with words."""
     preference = solution.preferred
     if preference is None:
@@ -72,25 +72,25 @@ def _dispersion_verdict(solution):
         return False, "do not determine the dispersion: they contradict the errors themselves"
     if not preference.constrained:
         return False, "do not determine the dispersion"
-    prefer = f"prefer {preference.low:.0f} to {preference.high:.0f} km/s (68 %)"
+    preferred_range = f"prefer {preference.low:.0f} to {preference.high:.0f} km/s (68 %)"
     if preference.gain < 4.5:  # ln L of three standard deviations
-        return False, prefer
+        return False, preferred_range
     remedy = "peculiar_dispersion= (--dispersion) takes another, and fit.posterior.sample has it free"
-    return True, f"the residuals {prefer}: results are biased where the dispersion is wrong, {remedy}"
+    return True, f"the residuals {preferred_range}: results are biased where the dispersion is wrong, {remedy}"
 
 
-def _omitted_flow_warning(solution):
+def _omitted_flow_warnings(solution):
     """The size of flows that errors leave out."""
     if solution.flow_covariance is None:
         return []
-    size = np.sqrt(np.diag(solution.flow_covariance))
+    flow_errors = np.sqrt(np.diag(solution.flow_covariance))
     phrase = (
-        f"{size[0]:.0f} km/s/Mpc in H0"
+        f"{flow_errors[0]:.0f} km/s/Mpc in H0"
         if solution.names[0] == "H0"
-        else f"{np.sqrt(np.mean(size[:3] ** 2)):.0f} km/s in each component"
+        else f"{np.sqrt(np.mean(flow_errors[:3] ** 2)):.0f} km/s in each component"
     )
-    at = solution.names.index("a_x")
-    glide = np.sqrt(np.mean(size[at : at + 3] ** 2))
+    start = solution.names.index("a_x")
+    glide = np.sqrt(np.mean(flow_errors[start : start + 3] ** 2))
     return [
         f"warning: not in the errors above: flows of linear theory, which galaxies share, add ± {phrase} and ± "
         f"{glide:.2g} µas/yr in each component of the acceleration; without --flows no they are fitted"
@@ -108,7 +108,7 @@ def _describe_flow_share(solution):
     return f"{share} ({len(modes)} modes of {modes.theory.name})"
 
 
-def _velocity_facts(solution, quality, long):
+def _list_velocity_facts(solution, quality, long):
     v, galactic = solution.velocity, solution.velocity.to_frame("galactic")
     apex = "toward the apex (galaxies move toward the antapex)"
     facts = [("velocity", f"for H0 = {solution.assumed_hubble:g} km/s/Mpc, {apex}")]
@@ -116,11 +116,11 @@ def _velocity_facts(solution, quality, long):
         remark = f"; noise-debiased |v| {v.debiased_amplitude:.1f}" if is_seen(v) and long else ""
         facts.append(("apex", f"{format_direction(galactic)}{remark}"))
     if long:
-        from_planck = solution.against(CMB_VELOCITY_PLANCK18)[0]
-        from_none = float(v.value @ np.linalg.solve(v.covariance, v.value))
-        facts.append(("test of zero velocity", _format_chi2(from_none, 3, quality)))
+        chi2_of_planck = solution.against(CMB_VELOCITY_PLANCK18)[0]
+        chi2_of_zero = float(v.value @ np.linalg.solve(v.covariance, v.value))
+        facts.append(("test of zero velocity", _format_chi2(chi2_of_zero, 3, quality)))
         prefix = f"{CMB_VELOCITY_PLANCK18.amplitude:.1f} km/s relative to the microwave background: "
-        facts.append(("test of Planck's velocity", prefix + _format_chi2(from_planck, 3, quality)))
+        facts.append(("test of Planck's velocity", prefix + _format_chi2(chi2_of_planck, 3, quality)))
     return facts
 
 
@@ -137,7 +137,7 @@ def _describe_limits(lower_limit, upper_limit):
     return f"below {upper_limit:.1f} km/s/Mpc with 95 %, {lower}"
 
 
-def _hubble_facts(solution, quality, truth):
+def _list_hubble_facts(solution, quality, truth):
     v = solution.assumed_velocity.to_frame("galactic")
     pull = solution.hubble / solution.hubble_error
     facts = [("velocity", f"{v.amplitude:.2f} km/s {format_direction(v)}, assumed")]
@@ -159,7 +159,7 @@ def _hubble_facts(solution, quality, truth):
 
 #: Dispersions that are tried. [km/s]
 GRID = np.array([0.0, 40.0, 80.0, 120.0, 160.0, 210.0, 270.0, 350.0, 450.0, 600.0, 800.0, 1050.0, 1400.0])
-_SOURCES = 4000
+_MOST_SOURCES = 4000
 
 
 @dataclass(frozen=True)
@@ -178,45 +178,45 @@ class PreferredDispersion:
         return self.high - self.low < GRID[-1] / 3 and self.high < 0.95 * GRID[-1]
 
 
-def preferred_dispersion(
-    rows: ParallaxEquations,
-    taken: float,
+def find_preferred_dispersion(
+    equations: ParallaxEquations,
+    assumed_dispersion: float,
     excess_noise: float,
     acceleration: Vector | None,
     ratio: float,
     spin: Literal["free"] | Vector | None = None,
 ) -> PreferredDispersion:
     """The likelihood of the dispersion beside the flow and the spin; `taken` is that of the estimate. [km/s]"""
-    few = rows.most_sensitive(_SOURCES)
-    sums = with_acceleration(few.sums(GRID * ratio, excess_noise, ratio=ratio), acceleration, rows.frame)
-    if rows.modes is not None:
+    few = equations.most_sensitive(_MOST_SOURCES)
+    sums = with_acceleration(few.sums(GRID * ratio, excess_noise, ratio=ratio), acceleration, equations.frame)
+    if equations.modes is not None:
         sums, _ = marginalise_flow(
             add_flow_prior(sums, few.design.shape[1], np.full(len(GRID), ratio)), few.design.shape[1]
         )
     is_free = spin is not None
     if isinstance(spin, Vector):
-        known = spin.to_frame(rows.frame)
+        known = spin.to_frame(equations.frame)
         is_free = bool(np.linalg.det(known.covariance) > 0)
         sums = with_prior(sums, known, OMEGA) if is_free else without_known(sums, known.value, OMEGA)
-    keep = slice(0, OMEGA.stop if is_free else OMEGA.start)
-    columns = np.r_[keep, V] if sums.matrix[:, V].any() else np.r_[keep]
-    n, b = sums.matrix[:, columns[:, None], columns], sums.rhs[:, columns]
-    n = n + 1e-12 * np.trace(n, axis1=1, axis2=2)[:, None, None] * np.eye(n.shape[1])
-    chi2 = sums.chi2_null - np.einsum("gi,gi->g", b, np.linalg.solve(n, b[..., None])[..., 0])
-    log = -(chi2 + sums.logdet + np.linalg.slogdet(n)[1]) / 2
-    return _summary(log, taken)
+    parameters = slice(0, OMEGA.stop if is_free else OMEGA.start)
+    columns = np.r_[parameters, V] if sums.matrix[:, V].any() else np.r_[parameters]
+    matrix, rhs = sums.matrix[:, columns[:, None], columns], sums.rhs[:, columns]
+    matrix = matrix + 1e-12 * np.trace(matrix, axis1=1, axis2=2)[:, None, None] * np.eye(matrix.shape[1])
+    chi2 = sums.chi2_null - np.einsum("gi,gi->g", rhs, np.linalg.solve(matrix, rhs[..., None])[..., 0])
+    log_likelihood = -(chi2 + sums.logdet + np.linalg.slogdet(matrix)[1]) / 2
+    return _summarise_likelihood(log_likelihood, assumed_dispersion)
 
 
-def _summary(log: FloatArray, dispersion: float) -> PreferredDispersion:
+def _summarise_likelihood(log_likelihood: FloatArray, dispersion: float) -> PreferredDispersion:
     """Summarise ln L on the grid."""
-    curve = CubicSpline(GRID, log)
-    fine = np.linspace(0, GRID[-1], 1401)
-    values = curve(fine)
-    best = int(np.argmax(values))
-    share = np.cumsum(np.exp(values - values[best]))
-    lower, upper = np.interp([0.15865525, 0.84134475], share / share[-1], fine)
-    gain = values[best] - float(curve(min(dispersion, GRID[-1])))
-    return PreferredDispersion(float(fine[best]), float(lower), float(upper), float(max(gain, 0.0)))
+    curve = CubicSpline(GRID, log_likelihood)
+    dispersions = np.linspace(0, GRID[-1], 1401)
+    log_likelihoods = curve(dispersions)
+    best = int(np.argmax(log_likelihoods))
+    cumulative = np.cumsum(np.exp(log_likelihoods - log_likelihoods[best]))
+    lower, upper = np.interp([0.15865525, 0.84134475], cumulative / cumulative[-1], dispersions)
+    gain = log_likelihoods[best] - float(curve(min(dispersion, GRID[-1])))
+    return PreferredDispersion(float(dispersions[best]), float(lower), float(upper), float(max(gain, 0.0)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -289,17 +289,17 @@ class ParallaxSolution(NamedSolution):
         result: Any = self  # a velocity, or a Hubble constant
         is_velocity, quality = hasattr(result, "velocity"), self.quality
         quantity = "Our velocity" if is_velocity else "The Hubble constant"
-        fitted = f", χ²/dof = {quality.reduced:.3f}" if np.isfinite(quality.reduced) else ""
+        fit_quality = f", χ²/dof = {quality.reduced:.3f}" if np.isfinite(quality.reduced) else ""
         prefix = f"{printable(source)}: " if source else ""
-        facts = [("sources", f"{prefix}{self.n_sources} sources, {self.frame} axes{fitted}")]
+        facts = [("sources", f"{prefix}{self.n_sources} sources, {self.frame} axes{fit_quality}")]
         facts.append(("flows", _describe_flow_share(self)))
-        is_warned, about = _dispersion_verdict(self)
+        is_warned, verdict = _judge_dispersion(self)
         if long:
             suffix = ", with the flow" if self.flow is not None else ""
             text = f"{self.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the weights{suffix}"
             facts.append(("dispersion", text))
-        if about and (long or is_warned):
-            facts.append(("warning" if is_warned else "residuals", about))
+        if verdict and (long or is_warned):
+            facts.append(("warning" if is_warned else "residuals", verdict))
         correlations = {"parameter": list(self.names)} | dict(zip(self.names, self.correlation.T, strict=True))
         forms = dict.fromkeys(self.names, "+.3f")
         below = Section("Correlations", (), tables.table_of(correlations), forms=forms, notes=self.notes)
@@ -313,19 +313,19 @@ class ParallaxSolution(NamedSolution):
             facts.append(("warning", f"{quality.warning()}{remark}"))
         if is_velocity and result.velocity.amplitude > SPEED_OF_LIGHT:
             facts.append(("warning", "faster than light: are redshifts and motions in the unit that was taken?"))
-        facts += _velocity_facts(self, quality, long) if is_velocity else _hubble_facts(self, quality, truth)
+        facts += _list_velocity_facts(self, quality, long) if is_velocity else _list_hubble_facts(self, quality, truth)
         a = self.acceleration
         if is_seen(a) and (long or is_velocity):
             facts.append(("acceleration", format_direction(a.to_frame("galactic"))))
         title = f"{quantity} from the secular parallax of galaxies"
-        section = Section(title, facts, _vector_table(self, truth or {}, long), remarks=_omitted_flow_warning(self))
+        section = Section(title, facts, _vector_table(self, truth or {}, long), remarks=_omitted_flow_warnings(self))
         return (section, below) if long else (replace(section, notes=self.notes),)
 
     def _table_metadata(self):
         """p-values and limits by name."""
         return {}
 
-    def _motions(self, field, velocity, hubble):
+    def _predict_motions(self, field, velocity, hubble):
         """Predict the motions by a velocity and H0, with acceleration and spin, (2, n)."""
         p, q, _ = triad(field.lon, field.lat)
         rate = 1 / (AU_PER_YEAR * transverse_distance(field.redshift, None, hubble=hubble))
@@ -345,7 +345,7 @@ class VelocitySolution(ParallaxSolution):
 
         With the default cosmology's shape of the distance; a spin that was held fixed is not in it.
         """
-        return self._motions(field, self.velocity.value, self.assumed_hubble)
+        return self._predict_motions(field, self.velocity.value, self.assumed_hubble)
 
     @property
     def velocity(self) -> Vector:
@@ -384,7 +384,7 @@ class HubbleSolution(ParallaxSolution):
 
         With the default cosmology's shape of the distance; a spin that was held fixed is not in it.
         """
-        return self._motions(field, self.assumed_velocity.to_frame(self.frame).value, self.hubble)
+        return self._predict_motions(field, self.assumed_velocity.to_frame(self.frame).value, self.hubble)
 
     @property
     def hubble(self) -> float:

@@ -19,13 +19,13 @@ def plot_search(search: Any, *, ax: OnAxes | None = None) -> AxesArray:
         "looked at"
     )
     subplots = panels(ax, 2, 1, size=(WIDTH, 5.2))
-    for row, values, label, cmap, title in (
+    for panel, map_values, label, cmap, title in (
         (0, search.statistic, "2F of a wave that travels there", "viridis", heading),
         (1, search.limits, f"95 % limit on its amplitude  [{search.unit}]", "cividis", None),
     ):
-        subplots[row] = plot_map(values, label, frame=search.frame, cmap=cmap, title=title, ax=subplots[row])
+        subplots[panel] = plot_map(map_values, label, frame=search.frame, cmap=cmap, title=title, ax=subplots[panel])
         draw_points(
-            subplots[row],
+            subplots[panel],
             *np.radians(search.direction),
             marker="+",
             s=60,
@@ -41,20 +41,20 @@ def plot_spectrum(spectrum: Any, *, ax: Axes | None = None) -> Axes:
     """The strain that a wave can have, with 95 %, against its frequency: median and range over directions."""
     (axes,) = panels(ax, size=(WIDTH, 3.0))
     order = np.argsort(spectrum.frequencies)
-    f, limits = spectrum.frequencies[order], 1e9 * spectrum.strain_limits[order]
-    is_dense = len(f) > 2  # two frequencies say nothing of what lies between
+    frequencies, limits = spectrum.frequencies[order], 1e9 * spectrum.strain_limits[order]
+    is_dense = len(frequencies) > 2  # two frequencies say nothing of what lies between
     label = "range of directions"
     if is_dense:
-        axes.fill_between(f, limits[:, 0], limits[:, 2], color=COLOURS[0], alpha=0.25, lw=0, label=label)
+        axes.fill_between(frequencies, limits[:, 0], limits[:, 2], color=COLOURS[0], alpha=0.25, lw=0, label=label)
     else:
-        axes.vlines(f, limits[:, 0], limits[:, 2], color=COLOURS[0], label=label)
-    style = "o" if not is_dense else "o-" if len(f) < 60 else "-"
-    axes.plot(f, limits[:, 1], style, ms=3, color=COLOURS[0], label="median direction")
+        axes.vlines(frequencies, limits[:, 0], limits[:, 2], color=COLOURS[0], label=label)
+    style = "o" if not is_dense else "o-" if len(frequencies) < 60 else "-"
+    axes.plot(frequencies, limits[:, 1], style, ms=3, color=COLOURS[0], label="median direction")
     axes.set(yscale="log", xlabel="frequency  [1/yr]", ylabel="95 % limit on the strain  [10⁻⁹]")
     axes.margins(y=0.1)
     set_log_ticks(axes.yaxis, *axes.get_ylim())
-    if f[-1] > 5 * f[0]:
+    if frequencies[-1] > 5 * frequencies[0]:
         axes.set_xscale("log")
-        set_log_ticks(axes.xaxis, f[0], f[-1])
+        set_log_ticks(axes.xaxis, frequencies[0], frequencies[-1])
     legend_above(axes, 2)
     return axes

@@ -60,7 +60,7 @@ class WhitenedData(Frozen):
 
 
 @lru_cache(maxsize=4)
-def templates(lmax: int, nside: int) -> FloatArray:
+def compute_templates(lmax: int, nside: int) -> FloatArray:
     """Compute the coefficients of both polarisations for every pixel, (2, p, 12 nside²)."""
     templates = wave_templates(triad(*centres(nside))[2], lmax)
     templates.flags.writeable = False
@@ -71,19 +71,19 @@ def search_directions(
     white: WhitenedData, modes: Modes, nside: int, copies: int = 1
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute 2F, best amplitudes (2 copies, n) and their covariance (n, 2 copies, 2 copies) for every direction."""
-    basis, inverse = _basis(white, modes, nside, copies)
-    g = np.tensordot(white.values, basis, axes=(0, 1))
-    amplitudes = np.einsum("nij,jn->in", inverse, g)
-    return np.sum(g * amplitudes, axis=0), amplitudes, inverse
+    basis, inverse = _compute_whitened_templates(white, modes, nside, copies)
+    projections = np.tensordot(white.values, basis, axes=(0, 1))
+    amplitudes = np.einsum("nij,jn->in", inverse, projections)
+    return np.sum(projections * amplitudes, axis=0), amplitudes, inverse
 
 
-def _basis(white, modes, nside, copies):
+def _compute_whitened_templates(white, modes, nside, copies):
     """Compute whitened templates (2 copies, q, n) and the inverse of their products (n, 2 copies, 2 copies)."""
-    single = templates(modes.lmax, nside)
+    templates_of_one = compute_templates(modes.lmax, nside)
     p = len(modes)
-    template_blocks = np.zeros((2 * copies, copies * p, single.shape[2]))
+    template_blocks = np.zeros((2 * copies, copies * p, templates_of_one.shape[2]))
     for copy in range(copies):
-        template_blocks[2 * copy : 2 * copy + 2, copy * p : (copy + 1) * p] = single
+        template_blocks[2 * copy : 2 * copy + 2, copy * p : (copy + 1) * p] = templates_of_one
     basis = np.tensordot(white.root, template_blocks[:, white.kept], axes=(1, 1)).transpose(1, 0, 2)
     return basis, np.linalg.inv(np.einsum("iqn,jqn->nij", basis, basis))
 
@@ -95,22 +95,22 @@ def simulated_p_value(maxima: FloatArray, largest: float) -> float:
 
 def noise_maxima(white: WhitenedData, modes: Modes, nside: int, n_skies: int, rng: Rng, copies: int = 1) -> FloatArray:
     """Compute the largest 2F of each of `n_skies` simulated skies of noise."""
-    basis, inverse = _basis(white, modes, nside, copies)
+    basis, inverse = _compute_whitened_templates(white, modes, nside, copies)
     root = np.linalg.cholesky(inverse)
     unit_basis = np.einsum("nij,iqn->jnq", root, basis)  # 2F sums the squares of their products with noise
-    rng, largest = generator(rng), []
+    rng, maxima = generator(rng), []
     for start in range(0, n_skies, 100):
         noise = rng.standard_normal((len(white.values), min(100, n_skies - start)))
-        largest.append(sum((component @ noise) ** 2 for component in unit_basis).max(axis=0))
-    return np.concatenate(largest)
+        maxima.append(sum((component @ noise) ** 2 for component in unit_basis).max(axis=0))
+    return np.concatenate(maxima)
 
 
-def p_in_words(p_value: float, n_skies: int) -> str:
+def format_simulated_p_value(p_value: float, n_skies: int) -> str:
     """Format a p-value from `n_skies` simulated skies, with "at most" if none of them reached the value."""
-    return "at most " * _no_sky_reached(p_value, n_skies) + printed_p_value(p_value)
+    return "at most " * _is_reached_by_no_sky(p_value, n_skies) + printed_p_value(p_value)
 
 
-def _no_sky_reached(p_value, n_skies):
+def _is_reached_by_no_sky(p_value, n_skies):
     """Return whether none of the simulated skies reached the value."""
     return p_value * (1 + n_skies) < 1.5
 
@@ -199,7 +199,7 @@ class WaveSearch(Result):
         ParameterError
             If no frequency is given, and none is known.
         """
-        return float(self._strains(np.array(self.amplitude), frequency))
+        return float(self._compute_strains(np.array(self.amplitude), frequency))
 
     def strain_limits(self, frequency: float | None = None) -> FloatArray:
         """Compute the 95 % limit of the strain for each direction, (12 nside²,), at a `frequency` as for `strain`.
@@ -209,9 +209,9 @@ class WaveSearch(Result):
         ParameterError
             If no frequency is given, and none is known.
         """
-        return self._strains(self.limits, frequency)
+        return self._compute_strains(self.limits, frequency)
 
-    def _strains(self, values, frequency):
+    def _compute_strains(self, values, frequency):
         if self.unit == "µas":
             return values * UAS
         if frequency is None:
@@ -229,24 +229,24 @@ class WaveSearch(Result):
             )
         best = self.amplitudes[:, np.argmax(self.statistic)]
         labels = ("plus", "cross") if len(best) == 2 else ("plus cos", "cross cos", "plus sin", "cross sin")
-        wave = ", ".join(f"{label} {value:+.4g}" for label, value in zip(labels, best, strict=True))
+        amplitudes_text = ", ".join(f"{label} {value:+.4g}" for label, value in zip(labels, best, strict=True))
         lower, middle, upper = np.quantile(self.limits, [0, 0.5, 1])
         strain = f"{compute_strain(middle, 1.0):.3g} (1 nHz/f)"
         if self.unit == "µas":
-            strain = f"{float(self._strains(np.array(middle), None)):.3g}"
+            strain = f"{float(self._compute_strains(np.array(middle), None)):.3g}"
         of_all = f"{self.statistic.max():.2f} of {len(self.statistic)} directions"
-        p = p_in_words(self.p_value, self.n_skies)
-        at = f"at {self.frequency:.4g} per year" if self.frequency else "longer than the observations"
-        median = f"median {middle:.4g}, a strain of {strain}"
+        p_text = format_simulated_p_value(self.p_value, self.n_skies)
+        period_text = f"at {self.frequency:.4g} per year" if self.frequency else "longer than the observations"
+        median_text = f"median {middle:.4g}, a strain of {strain}"
         facts = [
             ("data", f"degrees {self.degrees[0]} to {self.degrees[-1]} of {self.n_data} numbers"),
             ("largest 2F", f"{of_all}; noise alone gives χ² with {len(self.amplitudes)} degrees of freedom in each"),
-            ("p-value", f"{p} for as large a 2F anywhere from noise alone ({self.n_skies} simulated skies)"),
+            ("p-value", f"{p_text} for as large a 2F anywhere from noise alone ({self.n_skies} simulated skies)"),
             ("travels to", "; ".join(directions)),
-            ("best wave", f"{wave} {self.unit}"),
-            ("95 % limits", f"{lower:.4g} … {upper:.4g} {self.unit} by direction, {median}"),
+            ("best wave", f"{amplitudes_text} {self.unit}"),
+            ("95 % limits", f"{lower:.4g} … {upper:.4g} {self.unit} by direction, {median_text}"),
         ]
-        return (Section(f"One gravitational wave, {at}", facts, notes=self.notes),)
+        return (Section(f"One gravitational wave, {period_text}", facts, notes=self.notes),)
 
     def to_table(self) -> Table:
         """Return an astropy Table with one row for each direction."""
@@ -310,17 +310,17 @@ def search(
     if not search_degrees or search_degrees[0] < 2 or search_degrees[-1] > modes.lmax:
         raise ModesError(f"waves need degrees from 2 on, up to the fitted {modes.lmax}, not {search_degrees or 'none'}")
     white = WhitenedData.of(equations.matrix, equations.rhs, np.isin(modes.degrees, search_degrees))
-    about = {"degrees": search_degrees, "frame": equations.frame or "icrs", "n_data": equations.n_data}
-    return _search_sky(white, modes, nside, n_skies, rng, notes=equations.notes, **about)[0]
+    attributes = {"degrees": search_degrees, "frame": equations.frame or "icrs", "n_data": equations.n_data}
+    return _search_sky(white, modes, nside, n_skies, rng, notes=equations.notes, **attributes)[0]
 
 
-def _search_sky(white, modes, nside, n_skies, rng, copies=1, **about):
+def _search_sky(white, modes, nside, n_skies, rng, copies=1, **attributes):
     """Search all directions; return the search, and the largest 2F of each sky of noise."""
     statistic, amplitudes, covariance = search_directions(white, modes, nside, copies)
     maxima = noise_maxima(white, modes, nside, n_skies, rng, copies)
-    about |= {"p_value": simulated_p_value(maxima, statistic.max()), "n_skies": n_skies}
+    attributes |= {"p_value": simulated_p_value(maxima, statistic.max()), "n_skies": n_skies}
     limits = length_limits(amplitudes.T, covariance)
-    return WaveSearch(statistic=statistic, amplitudes=amplitudes, limits=limits, **about), maxima
+    return WaveSearch(statistic=statistic, amplitudes=amplitudes, limits=limits, **attributes), maxima
 
 
 #: Notes of searches in time: for an attitude that is known, and for one that was solved from the same sky.
@@ -394,13 +394,13 @@ class WaveSpectrum(Result):
     def answer(self) -> Answer:
         """The lines to quote: whether a wave is detected, and how strong one can be."""
         best = int(np.argmax(self.statistic))
-        p = p_in_words(self.p_value, self.n_skies)
-        is_detected, is_least = self.p_value < SEEN, _no_sky_reached(self.p_value, self.n_skies)
-        verdict = "detected" if is_detected else "not decided" if is_least else "not detected"
-        text = f"{verdict} in a search of {len(self.frequencies)} frequencies, p = {p} for all of them together"
+        p_text = format_simulated_p_value(self.p_value, self.n_skies)
+        is_detected, is_above_all_skies = self.p_value < SEEN, _is_reached_by_no_sky(self.p_value, self.n_skies)
+        verdict = "detected" if is_detected else "not decided" if is_above_all_skies else "not detected"
+        text = f"{verdict} in a search of {len(self.frequencies)} frequencies, p = {p_text} for all of them together"
         if is_detected:
             text += f"; the largest at {self.frequencies[best]:.4g} per year"
-        elif is_least:
+        elif is_above_all_skies:
             text += f": more than on all {self.n_skies} simulated skies; {round(1 / SEEN)} are needed (--skies)"
         elif hint := hint_of(self.p_value):
             text += f" ({hint})"
@@ -416,16 +416,16 @@ class WaveSpectrum(Result):
         best = int(np.argmax(self.statistic))
         lon, lat = np.degrees(self.lon[best]) % 360, np.degrees(self.lat[best])
         location = f"at {self.frequencies[best]:.4g} per year, towards α = {lon:.1f}°, δ = {lat:.1f}°"
-        p = p_in_words(self.p_value, self.n_skies)
+        p_text = format_simulated_p_value(self.p_value, self.n_skies)
         facts = [
             ("data", f"degrees {self.degrees[0]} to {self.degrees[-1]} of {self.n_data} numbers"),
             ("largest 2F", f"{self.statistic[best]:.2f} {location}"),
-            ("p-value", f"{p} for all directions and frequencies together ({self.n_skies} simulated skies)"),
+            ("p-value", f"{p_text} for all directions and frequencies together ({self.n_skies} simulated skies)"),
         ]
         table = self.to_table()
         table["strain"] = self.limits[:, 1] * UAS
-        smallest = np.sort(np.argsort(self.p_values, kind="stable")[:_LISTED])
-        rows = None if long else smallest.tolist()
+        best_rows = np.sort(np.argsort(self.p_values, kind="stable")[:_LISTED])
+        rows = None if long else best_rows.tolist()
         count = len(self.frequencies)
         remarks = [f"The {_LISTED} of {count} frequencies with the smallest p-values."] * (not long and count > _LISTED)
         columns = ("frequency", "statistic", "p_value", "limit_median", "limit_low", "limit_high", "strain")
@@ -518,55 +518,55 @@ def search_in_time(
     attitude is treated as known, 0.59 to 0.68 of the amplitude of simulated waves is recovered, and the nominal 95 %
     limit is 0.7 of the true one. With a Response of nside 8 the recovered fraction is 0.96, of nside 16 it is 0.98.
     """
-    several = np.ndim(frequency) > 0
-    frequencies = [arguments.positive("frequency", item) for item in np.atleast_1d(frequency)]
+    has_several = np.ndim(frequency) > 0
+    frequencies = [arguments.positive("frequency", value) for value in np.atleast_1d(frequency)]
     modes = as_modes(lmax)
     if modes.lmax < 2:
         raise ParameterError("waves have degrees from 2 on: lmax must be at least 2")
     rng = arguments.generator(rng)
-    searches, largest, lost = [], [], []
-    for item in frequencies:
+    searches, noise_maxima_by_frequency, lost = [], [], []
+    for wave_frequency in frequencies:
         try:
-            equations = normal_equations(observations, modes, waves(item), attitude=attitude, threads=threads)
+            equations = normal_equations(observations, modes, waves(wave_frequency), attitude=attitude, threads=threads)
         except EmptyFieldError as error:
             raise DegeneracyError(str(error)) from None
-        result, maxima, missing = _search(equations, item, nside, n_skies, rng)
+        result, maxima, n_lost = _search_frequency(equations, wave_frequency, nside, n_skies, rng)
         searches.append(result)
-        largest.append(maxima)
-        lost.append(missing)
-    if not several:
+        noise_maxima_by_frequency.append(maxima)
+        lost.append(n_lost)
+    if not has_several:
         return searches[0]
-    best = np.array([np.argmax(item.statistic) for item in searches])
-    top = np.array([item.statistic.max() for item in searches])
+    best_directions = np.array([np.argmax(wave_search.statistic) for wave_search in searches])
+    largest_statistics = np.array([wave_search.statistic.max() for wave_search in searches])
     lon, lat = centres(nside)
     return WaveSpectrum(
         frequencies=np.array(frequencies),
-        statistic=top,
-        lon=lon[best],
-        lat=lat[best],
-        amplitudes=np.array([item.amplitude for item in searches]),
-        limits=np.array([np.quantile(item.limits, [0, 0.5, 1]) for item in searches]),
-        p_values=np.array([item.p_value for item in searches]),
-        p_value=simulated_p_value(np.max(largest, axis=0), top.max()),
+        statistic=largest_statistics,
+        lon=lon[best_directions],
+        lat=lat[best_directions],
+        amplitudes=np.array([wave_search.amplitude for wave_search in searches]),
+        limits=np.array([np.quantile(wave_search.limits, [0, 0.5, 1]) for wave_search in searches]),
+        p_values=np.array([wave_search.p_value for wave_search in searches]),
+        p_value=simulated_p_value(np.max(noise_maxima_by_frequency, axis=0), largest_statistics.max()),
         lost=np.array(lost),
         n_skies=n_skies,
         n_data=searches[0].n_data,
         degrees=searches[0].degrees,
-        notes=merge_notes(*(item.notes for item in searches)),
+        notes=merge_notes(*(wave_search.notes for wave_search in searches)),
     )
 
 
-def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
+def _search_frequency(equations: TimeEquations, frequency, nside, n_skies, rng):
     """Search one frequency; return the search, the largest 2F of each sky of noise, and the number lost."""
     modes, is_unconstrained = equations.modes, equations.unconstrained_terms
-    unknowns, values, directions, is_determined = equations.combinations()
-    if values[-1] <= 0 or is_determined.sum() < len(unknowns) / 2:
+    unknowns, eigenvalues, directions, is_determined = equations.combinations()
+    if eigenvalues[-1] <= 0 or is_determined.sum() < len(unknowns) / 2:
         raise DegeneracyError(
             f"these sources do not determine {len(unknowns)} coefficients: lower lmax, or take more of the sky"
         )
-    size = np.diag(equations.matrix)
+    diagonal = np.diag(equations.matrix)
     # A rotation is indistinguishable from attitude: any prior will do.
-    matrix = equations.matrix + np.diag(np.where(is_unconstrained, np.median(size), 1e-9 * size))
+    matrix = equations.matrix + np.diag(np.where(is_unconstrained, np.median(diagonal), 1e-9 * diagonal))
     white = WhitenedData.of(matrix, equations.rhs, np.tile(modes.degrees >= 2, 2))
     notes = (*equations.notes, SOLVED_ATTITUDE if equations.attitude != "known" else KNOWN_ATTITUDE)
     lost = np.flatnonzero(~is_determined)
@@ -579,5 +579,5 @@ def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
         )
     about = {"degrees": tuple(range(2, modes.lmax + 1)), "frame": "icrs", "n_data": equations.n_data, "unit": "µas"}
     about |= {"frequency": float(frequency), "notes": notes}
-    search, maxima = _search_sky(white, modes, nside, n_skies, rng, 2, **about)
-    return search, maxima, len(lost)
+    wave_search, maxima = _search_sky(white, modes, nside, n_skies, rng, 2, **about)
+    return wave_search, maxima, len(lost)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from fit.results.output._text import unit_squared
+from fit.results.output._text import format_squared_unit
 from fit.results.quality import ErrorSource
 from fit.results.spectrum import spectrum, wilson_hilferty
 from vsh.coefficients import FIRST_DEGREE
@@ -47,10 +47,10 @@ _SIGNAL = 0.05
 def plot_sky(solution: Any, field: Any = None, *, ax: Axes | None = None) -> Any:
     """The fitted field on the sky, of motions or of a scalar, with its sources where a field is given."""
     title = f"{solution.n_sources} sources and the field fitted to degree {solution.modes.lmax}"
-    about = {"frame": solution.frame, "title": title, "ax": ax, "unit": solution.unit}
+    options = {"frame": solution.frame, "title": title, "ax": ax, "unit": solution.unit}
     if solution.modes.components == 1:
-        return plot_scalar_field(field, solution.coefficients, **about)
-    return plot_field(field, solution.coefficients, covariance=solution.covariance, **about)
+        return plot_scalar_field(field, solution.coefficients, **options)
+    return plot_field(field, solution.coefficients, covariance=solution.covariance, **options)
 
 
 @apply_style
@@ -83,19 +83,19 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
             np.array([getattr(row, x) for row in kind_rows], float) for x in ("power", "error", "noise", "p_value")
         )
         is_finite = np.isfinite(power)
-        signal = is_finite & (p <= _SIGNAL)
-        limit_mask = is_finite & ~signal & (noise > 0)
-        axes.errorbar(l[signal], power[signal], error[signal], fmt=marker, color=colour)
-        limit = np.array([row.limit() for row, has_limit in zip(kind_rows, limit_mask, strict=True) if has_limit])
+        is_signal = is_finite & (p <= _SIGNAL)
+        is_limit = is_finite & ~is_signal & (noise > 0)
+        axes.errorbar(l[is_signal], power[is_signal], error[is_signal], fmt=marker, color=colour)
+        limits = np.array([row.limit() for row, has_limit in zip(kind_rows, is_limit, strict=True) if has_limit])
         arrows: Any = {"uplims": True, "fmt": "none", "capsize": 2.5, "elinewidth": 0.8}
-        axes.errorbar(l[limit_mask], limit, 0.45 * limit, color=colour, **arrows)
+        axes.errorbar(l[is_limit], limits, 0.45 * limits, color=colour, **arrows)
         axes.hlines(noise, l - 0.085, l + 0.085, color=colour, linestyle=":", zorder=3)
-        look: Any = (
+        marker_style: Any = (
             {"marker": marker, "linestyle": "none"} if is_finite.any() else {"linestyle": ":"}
         )  # of errors to come
-        handles.append(Line2D([], [], color=colour, label=KIND_NAMES[kind], **look))
-        has_limits = has_limits or bool(limit_mask.any())
-        levels += [*power[signal], *(power + error)[signal], *limit, *(0.5 * limit), *noise]
+        handles.append(Line2D([], [], color=colour, label=KIND_NAMES[kind], **marker_style))
+        has_limits = has_limits or bool(is_limit.any())
+        levels += [*power[is_signal], *(power + error)[is_signal], *limits, *(0.5 * limits), *noise]
     if solution.floor is not None and solution.includes_floor:
         _draw_floor(axes, solution.floor, handles)
     # An error as large as the power has no lower end on a logarithmic axis: its bar runs out of it.
@@ -106,18 +106,18 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     set_log_ticks(axes.yaxis, *reach)
     if solution.modes.lmax <= 12:
         axes.set_xticks(np.unique([row.l for row in rows if row.l]))
-    axes.set(xlabel="degree", ylabel=f"power  {unit_squared(solution)}")
+    axes.set(xlabel="degree", ylabel=f"power  {format_squared_unit(solution)}")
     roots = axes.secondary_yaxis("right", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
     roots.set_ylabel(f"√power  [{solution.unit}]" if solution.unit else "√power")
     set_log_ticks(roots.yaxis, *np.sqrt(reach))
     if has_limits:
         handles.append(Line2D([], [], color="0.3", marker="v", markersize=3, linestyle="none", label="95 % limit"))
     handles.append(Line2D([], [], color="0.3", linestyle=":", label="noise alone"))
-    mean = None
+    mean_text = None
     if solution.modes.lowest == 0:
         value, error = solution.mean
-        mean = f"mean {format_with_error(value, error, '+')} {solution.unit}".replace("-", "−")
-    legend_above(axes, 2, handles=handles, title=mean, alignment="left")
+        mean_text = f"mean {format_with_error(value, error, '+')} {solution.unit}".replace("-", "−")
+    legend_above(axes, 2, handles=handles, title=mean_text, alignment="left")
     return axes
 
 
@@ -143,7 +143,7 @@ def plot_correlation(solution: Any, *, ax: Axes | None = None) -> Axes:
     """
     (axes,) = panels(ax, size=(WIDTH, 3.7))
     if hasattr(solution, "coefficients"):
-        names, matrix, groups = _vector_correlations(solution)
+        names, matrix, groups = _compute_vector_correlations(solution)
         kinds = [f"{k if len(names) > NAMED else k.lower()}: {KIND_NAMES[k]}" for k in solution.modes.kinds]
         title = "; ".join([*kinds * (solution.modes.lmax > 1), f"{title_of(solution.frame)} axes"])
         axes.set_title(title)
@@ -154,18 +154,18 @@ def plot_correlation(solution: Any, *, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def _vector_correlations(solution):
+def _compute_vector_correlations(solution):
     """Names, correlations and degrees of the coefficients, degree 1 turned into vectors along the axes."""
     modes = solution.modes
-    names, turn = [symbol(str(mode)) for mode in modes], np.eye(len(modes))
+    names, transform = [symbol(str(mode)) for mode in modes], np.eye(len(modes))
     inverse = np.linalg.inv(FIRST_DEGREE)
     for kind, vector in zip(KINDS, ("omega", "a"), strict=True):
         if kind in modes.kinds:
             block = modes.slice_of(kind, 1)
-            turn[block, block] = inverse
+            transform[block, block] = inverse
             glide = "omega" if vector == "omega" else "a" if solution.unit == "µas/yr" else "g"
             names[block] = [symbol(f"{glide}_{axis}") for axis in "xyz"]
-    matrix = correlation_of(turn @ solution.covariance @ turn.T)
+    matrix = correlation_of(transform @ solution.covariance @ transform.T)
     return names, matrix, [f"{mode.kind}{mode.l}" for mode in modes]
 
 
@@ -214,32 +214,32 @@ def plot_residuals(
     """
     nside = nside or 2 ** int(np.clip(np.log2(max(1, solution.n_sources / 120)) / 2, 0, 6))
     if weights is not None:
-        field = _with_weights(solution, field, weights)
-    work = partial(_residual_sums, solution=solution, nside=nside)
+        field = _scale_errors_by_weights(solution, field, weights)
+    work = partial(_sum_residuals_by_pixel, solution=solution, nside=nside)
     chi2, sources = as_parts(field, SourcesWithErrors).sum(work, roles=(), words="residuals")
     dof = sources * solution.modes.components
     with np.errstate(divide="ignore", invalid="ignore"):
         deviate = np.where(dof > 0, wilson_hilferty(chi2, dof), np.nan)
     finite_deviates = deviate[np.isfinite(deviate)]
-    reach = float(np.clip(np.percentile(np.abs(finite_deviates), 98), 3, None)) if finite_deviates.size else 3.0
+    limit = float(np.clip(np.percentile(np.abs(finite_deviates), 98), 3, None)) if finite_deviates.size else 3.0
     suffix = " by the errors of the robust fit" if weights is not None else " by the catalogue's errors"
     suffix = "" if weights is None and solution.error_source == ErrorSource.CATALOGUE else suffix
     label = f"normal deviate of χ² in a pixel{suffix}\n[σ]; χ²/n = {chi2.sum() / max(1, dof.sum()):.2f} over the sky"
     title = f"residuals of {int(sources.sum())} sources, pixels of {58.6 / nside:.1f}°"
     return plot_map(
-        deviate, label, frame=solution.frame, cmap=DIVERGING, title=title, ax=ax, vmin=-reach, vmax=reach, extend="both"
+        deviate, label, frame=solution.frame, cmap=DIVERGING, title=title, ax=ax, vmin=-limit, vmax=limit, extend="both"
     )
 
 
-def _with_weights(solution, field, weights):
-    """The sources with errors by which a robust fit weighs them, and their χ² is the degrees of freedom."""
-    share = np.asarray(weights) / np.mean(weights)
-    chi2 = solution.residuals(field).chi2 @ share
-    sigma = field.sigma * np.sqrt(chi2 / (solution.modes.components * len(field)) / np.maximum(share, 1e-12))
+def _scale_errors_by_weights(solution, field, weights):
+    """The sources with the errors by which a robust fit weighs them, scaled so that χ² is the number of data."""
+    relative_weights = np.asarray(weights) / np.mean(weights)
+    chi2 = solution.residuals(field).chi2 @ relative_weights
+    sigma = field.sigma * np.sqrt(chi2 / (solution.modes.components * len(field)) / np.maximum(relative_weights, 1e-12))
     return field.with_errors(sigma, field.rho)
 
 
-def _residual_sums(field, solution, nside):
+def _sum_residuals_by_pixel(field, solution, nside):
     """χ² and sources by pixel."""
     pixel = pixels_of(field.lon, field.lat, nside)
     return np.array([np.bincount(pixel, weights, 12 * nside**2) for weights in (solution.residuals(field).chi2, None)])

@@ -65,8 +65,8 @@ def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answ
         cells = [_format_number(cell, style) for cell in (*format_components(vector), format_amplitude(vector))]
         body.append(rf"{_SYMBOLS.get(name, name.capitalize())} & " + " & ".join(cells) + r" \\")
     if full:
-        body += [mid_rule, *_powers(solution, style)]
-    caption = _caption(solution, answer_of(solution) if answer is None else answer)
+        body += [mid_rule, *_format_powers(solution, style)]
+    caption = _format_caption(solution, answer_of(solution) if answer is None else answer)
     label = r"\label{tab:vsh-scalar}" if is_scalar(solution) else r"\label{tab:vsh}"
     if style == "aastex":
         heads = " & ".join(rf"\colhead{{{column}}}" for column in ("", "$x$", "$y$", "$z$", "amplitude"))
@@ -87,18 +87,18 @@ def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answ
     return "\n".join(line for line in lines if line) + "\n"
 
 
-def _powers(solution, style):
+def _format_powers(solution, style):
     """Rows of the power of each degree, without its noise."""
-    lines = [rf"Power & noise-debiased & error & $p$-value & {_latex_squared_unit(solution.unit)} \\"]
+    lines = [rf"Power & noise-debiased & error & $p$-value & {_format_latex_squared_unit(solution.unit)} \\"]
     for power in spectrum(solution):
         digits = decimals_of_error(power.error)
         texts = (*(f"{value:.{digits}f}" for value in (power.debiased, power.error)), printed_p_value(power.p_value))
-        cells = " & ".join(_format_number(c, style) for c in texts)
+        cells = " & ".join(_format_number(text, style) for text in texts)
         lines.append(rf"$P^{{\rm {power.kind}}}_{{{power.l}}}$ & {cells} & \\")
     return lines
 
 
-def _caption(solution, answer):
+def _format_caption(solution, answer):
     """Caption: what was fitted to what, and the answer where the vectors have one."""
     names = ["mean"] * is_scalar(solution) + list(reversed(vectors_of(solution)))
     subject = " and ".join(names).capitalize()
@@ -111,7 +111,7 @@ def _caption(solution, answer):
     return " ".join(f"{latex_text(fact)}." for fact in facts)
 
 
-def _latex_squared_unit(unit):
+def _format_latex_squared_unit(unit):
     """The unit of powers."""
     return rf"(({latex_text(unit)})$^2$)" if unit else ""
 
@@ -122,10 +122,10 @@ def _format_number(cell, style):
     if style == "siunitx" and match:
         return rf"\num[separate-uncertainty, retain-explicit-plus]{{{match[1]}{f' +- {match[2]}' if match[2] else ''}}}"
     limit = re.fullmatch(r"< +([\d.e+-]+) \((\d+) %\)", cell)
-    return rf"$<{_tex(limit[1])}$ ({limit[2]}\,\%)" if limit else f"${_tex(cell)}$"
+    return rf"$<{_format_tex(limit[1])}$ ({limit[2]}\,\%)" if limit else f"${_format_tex(cell)}$"
 
 
-def _tex(cell):
+def _format_tex(cell):
     """A printed number as LaTeX has it: ±, powers of ten, per cent."""
     cell = cell.replace("±", r"\pm").replace("…", r"\ldots").replace("%", r"\%").replace("<", "< ")
     return re.sub(r"(\d)e([+-]?\d+)", lambda m: rf"{m.group(1)} \times 10^{{{int(m.group(2))}}}", cell)

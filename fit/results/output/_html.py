@@ -81,18 +81,18 @@ def write_html(
     """
     answer = answer_of(solution) if answer is None else answer
     new_figures = draw_figures(solution, field) if figures is None else {}
-    skies = _skies(solution, field, beside or {})
+    skies = _collect_skies(solution, field, beside or {})
     sky_panel = page.sky(*skies) if skies else page.Panel("")
     all_figures = {**new_figures, **(figures or {}), **(further or {})}
     plots = {name: axes for name, axes in all_figures.items() if not (skies and name == "sky")}
     panels = [
         page.facts(answer.lines, "answer"),
-        page.paragraph(_warnings(solution), "warning"),
+        page.paragraph(_format_warnings(solution), "warning"),
         page.heading("The sky", sky_panel),
         *map(page.section, solution.sections(long=True, check=check, truth=truth, source=source)),
         *map(page.section, sections),
         page.heading("Figures", page.figure_panels(plots, {**_CAPTIONS, **(captions or {})})),
-        _coefficients(solution),
+        _make_coefficients_panel(solution),
         page.provenance(provenance or {}, command),
     ]
     modes = solution.modes
@@ -106,12 +106,12 @@ def write_html(
     )
 
 
-def _warnings(solution):
+def _format_warnings(solution):
     lines = [f"{label}: {text}" if label == "warning" else text for label, text in warnings_of(solution)]
     return ". ".join(lines) + "." if lines else ""
 
 
-def _coefficients(solution):
+def _make_coefficients_panel(solution):
     rows = [
         [str(mode), f"{value:+.5g}", f"{error:.3g}", f"{value / error:+.2f}"]
         for mode, value, error in zip(solution.modes, solution.coefficients.values, solution.sigma, strict=True)
@@ -120,7 +120,7 @@ def _coefficients(solution):
     return page.heading("Coefficients", page.table(heads, rows, sortable=True, summary=f"{len(rows)} coefficients"))
 
 
-def _skies(solution, field, comparisons):
+def _collect_skies(solution, field, comparisons):
     if isinstance(field, ScalarField):
         return ()
     main_label = f"degree {solution.modes.lmax}, errors from {solution.errors_from}" if comparisons else ""
@@ -128,10 +128,10 @@ def _skies(solution, field, comparisons):
         page.ShownSolution(
             label,
             sample_of(sources) if isinstance(sources, Parts) else sources,
-            result.coefficients,
-            result.covariance,
-            result.unit,
-            result.n_sources,
+            shown.coefficients,
+            shown.covariance,
+            shown.unit,
+            shown.n_sources,
         )
-        for label, (result, sources) in {main_label: (solution, field), **comparisons}.items()
+        for label, (shown, sources) in {main_label: (solution, field), **comparisons}.items()
     ]

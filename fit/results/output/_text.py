@@ -48,7 +48,7 @@ def vector_rows(
         if (true := (truth or {}).get(name)) is not None:
             true, digits = true.to_frame(vector.frame), decimals_of_error(vector.sigma)
             cells = zip(true.value, pulls(vector, true), strict=True)
-            texts = (f"{t:+.{digits}f} ({d:+.1f}σ)" for t, d in cells)
+            texts = (f"{component:+.{digits}f} ({pull:+.1f}σ)" for component, pull in cells)
             rows.append(("  truth", *texts, f"{true.amplitude:.{digits}f}"))
     return rows
 
@@ -66,7 +66,7 @@ def is_scalar(solution: Any) -> bool:
     return solution.modes.components == 1
 
 
-def unit_squared(solution: Any) -> str:
+def format_squared_unit(solution: Any) -> str:
     """The unit of powers, in brackets; nothing of pure numbers."""
     return f"[({solution.unit})²]" if solution.unit else ""
 
@@ -93,12 +93,12 @@ def format_amplitude(vector: Vector) -> str:
 
 
 #: A vector of fewer errors along itself has no size and no direction to quote, however unlikely zero is.
-_CERTAIN = 2.0
+_FEWEST_ERRORS = 2.0
 
 
 def is_seen(vector: Vector) -> bool:
     """Return whether a vector is detected: whether there is an amplitude and a direction to speak of."""
-    return bool(vector.p_value < SEEN and vector.amplitude >= _CERTAIN * vector.amplitude_error)
+    return bool(vector.p_value < SEEN and vector.amplitude >= _FEWEST_ERRORS * vector.amplitude_error)
 
 
 def format_place(vector: Vector) -> str:
@@ -208,7 +208,7 @@ def square_of(unit: str) -> str:
 
 
 #: How the errors of a fit are named.
-_NAMES = {
+_ERROR_NAMES = {
     ErrorSource.CATALOGUE: "least squares, formal errors",
     ErrorSource.SCALED: "least squares, errors scaled by √(χ²/dof)",
     ErrorSource.FLOWS: "least squares, formal errors and those of flows",
@@ -219,7 +219,7 @@ _NAMES = {
     ErrorSource.JOINT: "joint fit",
 }
 #: By how much residuals exceed errors where a unit is wrong rather than an error.
-_WRONG = 30.0
+_WRONG_UNIT_FACTOR = 30.0
 
 
 def answer_of(solution: Any) -> Answer:
@@ -235,29 +235,29 @@ def answer_of(solution: Any) -> Answer:
         [*solution.covariance.diagonal(), *solution.values]
     ).all():
         return Answer()
-    if reason := _reason_for_no_result(solution):
+    if reason := _find_reason_for_no_result(solution):
         return Answer(((("mean" if is_scalar(solution) else "acceleration"), f"no result: {reason}"),))
     errors = ("errors" if solution.is_recommended else "this fit", _describe_errors(solution))
     if is_scalar(solution):
         value, error = solution.mean
-        size = f"{format_with_error(value, error, '+')} {solution.unit}".rstrip()
-        lines = [("mean", f"{size}, p = {printed_p_value(solution.p_value('F', 0))}")]
+        mean_text = f"{format_with_error(value, error, '+')} {solution.unit}".rstrip()
+        lines = [("mean", f"{mean_text}, p = {printed_p_value(solution.p_value('F', 0))}")]
         lines += [(name, words_of(vector)) for name, vector in vectors_of(solution).items()]
     else:
         lines = [
             ("acceleration", words_of(solution.acceleration)),
             ("spin", words_of(solution.spin)),
-            ("Gaia EDR3", _describe_distance(solution.acceleration)),
+            ("Gaia EDR3", _describe_difference_from_gaia(solution.acceleration)),
         ]
     if assumed := [str(note) for note in solution.notes if has_code(note, ASSUMED_UNITS)]:
         lines.append(("units", f"{'; '.join(assumed)}; {solution.frame} axes"))
     return Answer((*lines, errors) if solution.is_recommended else (errors, *lines))
 
 
-def _reason_for_no_result(solution):
+def _find_reason_for_no_result(solution):
     """Reason why a fit has nothing to quote; None where it has something."""
     factor, codes = error_factor(solution), codes_of(solution.notes)
-    if factor > _WRONG:
+    if factor > _WRONG_UNIT_FACTOR:
         return f"residuals are {factor:.3g} times the errors. Are both in the units that were assumed?"
     if TOO_LITTLE_SCATTER in codes:
         return "residuals are far below the errors. Are both in the units that were assumed?"
@@ -287,7 +287,7 @@ def words_of(vector: Vector) -> str:
     return f"not detected: {limit}, p = {p}{hint}"
 
 
-def _describe_distance(acceleration: Vector) -> str:
+def _describe_difference_from_gaia(acceleration: Vector) -> str:
     """Distance of an acceleration from that of Gaia EDR3, in standard deviations of both together."""
     gaia = GAIA_EDR3.to_frame(acceleration.frame)
     covariance = acceleration.covariance + gaia.covariance
@@ -302,26 +302,26 @@ def _describe_distance(acceleration: Vector) -> str:
 def _describe_errors(solution: Any) -> str:
     """Describe the errors, what they leave out, and what to be careful of."""
     clipped = "after clipping: " if CLIPPED in codes_of(solution.notes) else ""
-    text = f"{clipped}{_NAMES[ErrorSource(solution.error_source)]}, to degree {solution.modes.lmax}"
+    description = f"{clipped}{_ERROR_NAMES[ErrorSource(solution.error_source)]}, to degree {solution.modes.lmax}"
     if solution.error_source == ErrorSource.SCALED and not solution.includes_floor:
-        text += f", {solution.quality.factor:.3g} times the formal errors"
+        description += f", {solution.quality.factor:.3g} times the formal errors"
     if solution.floor is not None and solution.includes_floor:
         floor = solution.floor
         errors = ", ".join(f"{name} ± {error:.2g}" for name, error in reversed(floor.errors.items()))
-        size = f"{errors} {floor.unit}".rstrip() + " per component"
-        text += f", systematic floor included ({size})"
+        floor_text = f"{errors} {floor.unit}".rstrip() + " per component"
+        description += f", systematic floor included ({floor_text})"
     elif solution.includes_floor:
-        text += ", systematic errors included"
+        description += ", systematic errors included"
     elif solution.is_recommended:
-        text += "; the systematic floor is not known" + (" below degree 3" if solution.modes.lmax < 3 else "")
+        description += "; the systematic floor is not known" + (" below degree 3" if solution.modes.lmax < 3 else "")
     if (factor := error_factor(solution)) > 1:
-        text += f"; residuals are {factor:.3g} times as large"
+        description += f"; residuals are {factor:.3g} times as large"
     if not solution.includes_floor and ONE_SIDE in codes_of(solution.notes):
         further = ", and degree 1 depends on the degrees above it" if solution.modes.lmax > 1 else ""
-        text += f"; one side of the sky has no sources{further}"
+        description += f"; one side of the sky has no sources{further}"
     if not solution.is_recommended:
-        text += "; to quote: fit.recommended (vsh-fit without --method)"
-    return text
+        description += "; to quote: fit.recommended (vsh-fit without --method)"
+    return description
 
 
 WIDTH = 88
@@ -340,29 +340,29 @@ def sections_of(
     With `long`, the sections include formal errors, the origin of the errors, and powers with their normal deviates.
     """
     solution = solution_of(solution, "report")
-    facts = [*(_details(solution) if long else ()), *warnings_of(solution)]
-    title = _title(solution, source)
+    facts = [*(_list_details(solution) if long else ()), *warnings_of(solution)]
+    title = _format_title(solution, source)
     if np.isnan(solution.coefficients.values).all():
-        sections = [Section(title, facts, _errors_table(solution)), _noise_powers(solution)]
+        sections = [Section(title, facts, _make_errors_table(solution)), _make_noise_section(solution)]
     else:
-        vectors = _vectors(solution, truth or {}, long)
-        directions = [*_directions(solution), *_FREE * solution.includes_floor] if long else ()
+        vectors = _make_vectors_table(solution, truth or {}, long)
+        directions = [*_format_directions(solution), *_FORMAL_ERRORS_REMARK * solution.includes_floor] if long else ()
         sections = [Section(title, facts, vectors, remarks=directions)]
-        sections.append(_detailed_powers(solution) if long else _powers(solution))
+        sections.append(_make_detailed_powers_section(solution) if long else _make_powers_section(solution))
     if check is not None and (long or not check.largest < AGREE):
         sections += check.sections()
     sections[-1] = replace(sections[-1], notes=solution.notes)
     return tuple(sections)
 
 
-def _title(solution, source):
+def _format_title(solution, source):
     modes = solution.modes
     prefix = f"{printable(source)}: " if source else ""
     title = f"{prefix}{solution.n_sources} sources, {solution.frame} axes, degrees {modes.lowest} to {modes.lmax}"
     return title + (f", χ²/dof = {solution.reduced_chi2:.3f}" if np.isfinite(solution.chi2) else "")
 
 
-def _details(solution):
+def _list_details(solution):
     """Facts on the fit and the source of its errors."""
     facts = [("fit", subject_of(solution)), ("coefficients", f"{len(solution.modes)}")]
     if np.isfinite(solution.chi2):
@@ -379,12 +379,12 @@ def subject_of(solution: Any) -> str:
 
 
 #: Why formal errors may be larger than those that include more.
-_FREE = (
+_FORMAL_ERRORS_REMARK = (
     "Formal errors are those of the fit without the floor, all degrees free. They can be larger than errors with the "
     "floor, because the floor is also a prior on the degrees above 1.",
 )
 #: A fit of fewer numbers for each coefficient is warned of.
-_FEW = 4
+_FEW_DATA = 4
 
 
 def _describe_dof(solution):
@@ -402,7 +402,7 @@ def warnings_of(solution: Any) -> list[tuple[str, str]]:
     elif lost:
         text = f"{_describe_dof(solution)} does not determine the 2l + 1 coefficients of degree {lost[0]} and above"
         texts.append(f"{text}: p-values are nan there")
-    if size <= solution.dof < _FEW * size:
+    if size <= solution.dof < _FEW_DATA * size:
         text = f"{size} coefficients of {solution.n_data} numbers: errors grow with every degree"
         texts.append(f"{text}; a lower --lmax is enough for degree 1")
     if 0 < solution.dof < size:
@@ -410,7 +410,7 @@ def warnings_of(solution: Any) -> list[tuple[str, str]]:
     return [("warning", text) for text in texts]
 
 
-def _errors_table(solution):
+def _make_errors_table(solution):
     """The errors that a fit would have, of a solution without values."""
     vectors = vectors_of(solution)
     columns = {"vector": list(vectors)}
@@ -418,15 +418,15 @@ def _errors_table(solution):
     return tables.table_of(columns, {}, {f"error {axis}": solution.unit for axis in "xyz"})
 
 
-def _noise_powers(solution):
+def _make_noise_section(solution):
     degrees = range(1, solution.modes.lmax + 1)
     columns = {"degree": list(degrees)}
     columns |= {kind: [solution.noise_power(kind, l) for l in degrees] for kind in "TS"}
-    title = f"Power of noise by degree, ∫|V|²dΩ {unit_squared(solution)}"
+    title = f"Power of noise by degree, ∫|V|²dΩ {format_squared_unit(solution)}"
     return Section(title, (), tables.table_of(columns), forms=dict.fromkeys("TS", ".3g"))
 
 
-def _vectors(solution, truth, long):
+def _make_vectors_table(solution, truth, long):
     """Spin and acceleration by component, with the truth of a simulation below them."""
     formal = vectors_of(solution.formal) if long and solution.formal is not solution else {}
     rows: list[tuple[str, ...]] = []
@@ -438,7 +438,7 @@ def _vectors(solution, truth, long):
     return tables.table_of_rows(heads, rows)
 
 
-def _directions(solution):
+def _format_directions(solution):
     """Directions of the detected vectors, in two frames."""
     lines = []
     for name, vector in vectors_of(solution).items():
@@ -450,20 +450,20 @@ def _directions(solution):
     return lines
 
 
-def _powers(solution):
+def _make_powers_section(solution):
     """The power of each degree without its noise, and its p-value."""
     kind_names, powers = {"T": "toroidal", "S": "spheroidal", "F": "power"}, spectrum(solution)
     columns = {"degree": [str(l) for l in range(solution.modes.lowest, solution.modes.lmax + 1)]}
     for kind in solution.modes.kinds:
-        own = [power for power in powers if power.kind == kind]
-        columns[kind_names[kind]] = [format_with_error(power.debiased, power.error) for power in own]
-        columns[f"p ({kind_names[kind]})"] = [printed_p_value(power.p_value) for power in own]
-    title = f"Power by degree {unit_squared(solution)}".rstrip()
+        kind_powers = [power for power in powers if power.kind == kind]
+        columns[kind_names[kind]] = [format_with_error(power.debiased, power.error) for power in kind_powers]
+        columns[f"p ({kind_names[kind]})"] = [printed_p_value(power.p_value) for power in kind_powers]
+    title = f"Power by degree {format_squared_unit(solution)}".rstrip()
     title += " minus that of noise, and the p-value: the probability that noise alone gives at least this power"
     return Section(title, (), tables.table_of(columns))
 
 
-def _detailed_powers(solution):
+def _make_detailed_powers_section(solution):
     law = "exact χ², any sky" if np.isinf(solution.covariance_dof) else "Hotelling's T²: the errors are estimates"
     field = "|V|" if solution.modes.components == 2 else "f"
     heads = ("degree", "power", "debiased", "±", "√power", "p-value", "z", "M&K Z")
@@ -472,25 +472,25 @@ def _detailed_powers(solution):
         f"this power ({law}); z is the equivalent normal deviate; M&K Z is the statistic of Mignard & Klioner (2012), "
         "valid only for a uniform sky."
     )
-    title = f"Power by degree, ∫{field}²dΩ {unit_squared(solution)}"
+    title = f"Power by degree, ∫{field}²dΩ {format_squared_unit(solution)}"
     return Section(title, (), tables.table_of_rows(heads, power_rows(solution)), remarks=[remark])
 
 
 def cross_check_sections(check: Any) -> tuple[Section, ...]:
     """Section on whether two solvers agree."""
-    on = f"on the same {check.frame.n_sources} sources"
+    sources_text = f"on the same {check.frame.n_sources} sources"
     if check.largest < AGREE:
-        solvers = f"two independent solvers, {on} with the catalogue's errors"
+        solvers = f"two independent solvers, {sources_text} with the catalogue's errors"
         text = f"Degree 1 fitted by {solvers}, agrees to {check.largest:.0e} σ."
         caution = "This agreement tests the numerical solution only; it does not validate the errors above."
         return (Section("Cross-check", remarks=[text, caution]),)
     rows = [
-        (name, solver, *format_components(getattr(result, name)))
+        (name, solver, *format_components(getattr(fitted, name)))
         for name in ("spin", "acceleration")
-        for solver, result in (("harmonics", check.harmonics), ("frame, QR", check.frame))
+        for solver, fitted in (("harmonics", check.harmonics), ("frame, QR", check.frame))
     ]
     heads = ("[µas/yr]", "solver", "x", "y", "z")
-    title = f"CROSS-CHECK FAILED: degree 1 {on} by two solvers differs by {check.largest:.1e} σ"
+    title = f"CROSS-CHECK FAILED: degree 1 {sources_text} by two solvers differs by {check.largest:.1e} σ"
     return (Section(title, (), tables.table_of_rows(heads, rows)),)
 
 

@@ -7,7 +7,7 @@ from scipy.stats import chi2, kstest
 from test_posterior import galaxies
 
 from fit.posterior import Flat, Normal, grid, sample
-from fit.posterior._posterior import Cells, cells_of
+from fit.posterior._posterior import Cells, make_cells_if_possible
 from fit.posterior._sampling import Run
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ParameterError
@@ -129,7 +129,7 @@ def test_grids_have_limits(field):
         field, CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=1280, max_samples=1280, rng=1, **COMMON, **wide
     )
     assert three.cells is None
-    assert cells_of(three.model) is None
+    assert make_cells_if_possible(three.model) is None
 
 
 @pytest.mark.slow

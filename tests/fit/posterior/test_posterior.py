@@ -347,11 +347,11 @@ def test_digits_are_those_that_the_sample_has():
     assert "independent samples at least, R̂ 1.0" in text
     row = next(line for line in text.splitlines() if line.startswith("  H0   ")).split()
     digits = len(row[1].partition(".")[2])
-    error = 1.25 * found.samples["H0"].std() / np.sqrt(found._effective_sizes()["H0"])
+    error = 1.25 * found.samples["H0"].std() / np.sqrt(found._compute_effective_sizes()["H0"])
     assert 0.1 * 10.0**-digits < error <= 10.0**-digits
     kept = found.kept()
     assert row in [line.split() for line in kept.report().splitlines()]
-    assert kept._effective_sizes() == found._effective_sizes()
+    assert kept._compute_effective_sizes() == found._compute_effective_sizes()
 
 
 @pytest.mark.parametrize("velocity", ["flat", "flat-product"])

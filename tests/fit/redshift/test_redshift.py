@@ -10,7 +10,7 @@ import fit
 import sim
 from fit.commands.redshift import main
 from fit.redshift import binned, equal_information_edges, permutation_test
-from fit.redshift._solution import equality_chi2, shared_flow, slope_chi2
+from fit.redshift._solution import equality_chi2, make_shared_flow, slope_chi2
 from vsh import Field, Modes, Vector
 from vsh.basis import harmonics
 from vsh.io import catalogue
@@ -285,7 +285,7 @@ def test_flow_of_bins_against_a_design_matrix():
     field = sim.observe(sim.galaxies(300, 2), sim.spin((0, 0, 0)), 3, sigma=5.0, rho=0.4)
     edges = np.array([0.001, 0.02, 0.03])
     found = binned(field, 2, edges, n_modes=40)
-    flow = shared_flow(field, edges, THEORY, None, 40)
+    flow = make_shared_flow(field, edges, THEORY, None, 40)
     distance = transverse_distance(field.redshift)
     rate = 1 / (AU_PER_YEAR * distance)
     own = rate**2 * (150**2 + flow.modes.left(distance * 0.673)[0])

@@ -85,7 +85,7 @@ def test_step_of_nu_is_newtons(components):
         sums = {"log": np.log1p(x2 / weight.nu).sum(), "beyond": beyond.sum()}
         weight, length = weight.take_newton_step(sums | {"slope of beyond": (beyond / (weight.nu + x2)).sum()}, len(x2))
     nus = weight.nu * np.array([0.99, 1.0, 1.01])
-    values = [_reweight._log_t(nu, components, np.log1p(x2 / nu).mean()) for nu in nus]
+    values = [_reweight._mean_log_t(nu, components, np.log1p(x2 / nu).mean()) for nu in nus]
     assert values[1] > max(values[0], values[2])
     assert length < 1e-6
     assert StudentT(6.0, False).take_newton_step({}, 1) == (StudentT(6.0, False), 0.0)
@@ -213,11 +213,11 @@ def test_degrees_of_freedom_that_swing_settle(monkeypatch):
     def likeliest(mean_logs, components):  # answers each step by one that is 1.05 times as large, the other way
         return float(np.exp(target - 1.05 * (np.log(nu[-1]) - target)))
 
-    monkeypatch.setattr(_reweight, "_likeliest_nu", likeliest)
+    monkeypatch.setattr(_reweight, "_find_likeliest_nu", likeliest)
     weight = StudentT(60.0, estimated=True)
     for _ in range(20):
         nu.append(weight.nu)
-        weight = weight.fitted(_OnePart(), None, "")
+        weight = weight.fit_nu(_OnePart(), None, "")
     assert np.log(weight.nu) == pytest.approx(target, abs=0.01)
 
 

@@ -74,7 +74,7 @@ def test_clip_in_circles_says_so(monkeypatch):
     far = {"one": np.r_[np.full(500, 1.0), np.full(500, 9.0)], "two": np.r_[np.full(500, 9.0), np.full(500, 1.0)]}
     solutions = iter(["one", "two"] * 4)
     monkeypatch.setattr(_clip, "solve", lambda normal: next(solutions))
-    monkeypatch.setattr(_clip, "_distances", lambda field, solution: far[solution])
+    monkeypatch.setattr(_clip, "_compute_distances", lambda field, solution: far[solution])
     with pytest.raises(
         ConvergenceError, match="oscillates after 3 rounds: 1000 sources are alternately clipped and kept"
     ):

@@ -7,7 +7,7 @@ import numpy as np
 import sim
 from fit.distances import calibrate, inverse_distances
 from fit.secular_parallax import observer_velocity
-from fit.secular_parallax._equations import equations_of
+from fit.secular_parallax._equations import make_field_equations
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, FLAT_PLANCK13
 from vsh.models.flows import LINEAR_PLANCK18
 
@@ -20,7 +20,7 @@ def test_unsure_distances_add_the_velocities_that_they_multiply():
     variance = inverse_distances(field, calibration).variance
     assert (variance > 0).all()
     ours = CMB_VELOCITY_PLANCK18.amplitude**2 / 3
-    still, moving = (equations_of(field, calibration, theory=each) for each in (None, LINEAR_PLANCK18))
+    still, moving = (make_field_equations(field, calibration, theory=each) for each in (None, LINEAR_PLANCK18))
     n = len(field)
     np.testing.assert_allclose(still.variance[:n], 25.0 + variance * ours, rtol=1e-9)
     np.testing.assert_allclose(moving.variance[:n], 25.0 + variance * (ours + LINEAR_PLANCK18.sigma**2), rtol=1e-9)

@@ -40,7 +40,7 @@ def test_schur_complement_is_the_dense_covariance_of_the_modes():
     found = observer_velocity(field, 67.3, flows="linear", n_modes=475)
     rows = DistanceModel(flows="linear", n_modes=475).equations(field)
     n = len(field)
-    columns = rows.flow.rows(slice(0, n))
+    columns = rows.flow.columns(slice(0, n))
     covariance = columns @ columns.T + np.diag(rows.variance + rows.left + (150 * rows.rate) ** 2)
     design = rows.design[:, :6]
     solved = np.linalg.solve(covariance, np.column_stack([design, rows.motion]))

@@ -206,7 +206,7 @@ def test_cut_in_heliocentric_redshifts_leaves_densities_unbiased():
 
 def test_selection_does_not_depend_on_the_parts(monkeypatch):
     """From every part at least one source is taken: small parts weighed more than large ones."""
-    monkeypatch.setattr("fit.secular_parallax._equations._SOURCES", 100)
+    monkeypatch.setattr("fit.secular_parallax._equations._SUBSAMPLE_SIZE", 100)
     field = sim.observe(sim.galaxies(2000, 1), sim.secular_parallax((300, 0, 0)), rng=1, sigma=5.0)
     calm = {"flows": None, "redshift_frame": "true", "peculiar_dispersion": 300.0}
     left_out = [
