@@ -199,7 +199,7 @@ def check_degrees(columns: Any, assumed: Any, at_least: int = 20, names: Mapping
 
 #: Median errors outside these are of no survey, nor is a median motion above the last. [µas/yr]
 _PLAUSIBLE_ERRORS = 1.0, 1e5
-_LARGEST_MOTION = 3e6
+_MAX_MOTION = 3e6
 #: Motions below this share of the smallest error are in another unit: of twenty sources not one would be so small.
 _SMALL_SHARE = 0.1
 
@@ -215,9 +215,7 @@ def size_warnings(field: Any, at_least: int = 20, *, is_assumed: bool = False) -
         return []
     # Where all are plausible their medians are, which take longer to see.
     (least, most), (lowest, highest) = span_of(sigma), span_of(motion)
-    plausible = is_within((least, most), *error_limits) and is_within(
-        (lowest, highest), -_LARGEST_MOTION, _LARGEST_MOTION
-    )
+    plausible = is_within((least, most), *error_limits) and is_within((lowest, highest), -_MAX_MOTION, _MAX_MOTION)
     notes = [] if plausible else _motion_warnings(np.median(sigma), np.median(np.abs(motion)), error_limits)
     if max(-lowest, highest) < _SMALL_SHARE * least:
         text = f"no motion is above {max(-lowest, highest):.3g} µas/yr, and no error below {least:.3g} µas/yr"
@@ -245,7 +243,7 @@ def _motion_warnings(median_error, median_motion, error_limits):
         side, likely = ("above", "µas/yr read as mas/yr") if median_error > 1 else ("below", "mas/yr read as µas/yr")
         text = f"{side} {median_error:.3g} µas/yr, which no survey has: {likely}? Say the unit: units= (--units)"
         notes.append(CodedNote(f"warning: half of the errors are {text}", DOUBT))
-    if median_motion > 300 * max(median_error, 1.0) and median_motion > _LARGEST_MOTION:
+    if median_motion > 300 * max(median_error, 1.0) and median_motion > _MAX_MOTION:
         text = f"above {median_motion:.3g} µas/yr: is the unit right (units=, --units)?"
         notes.append(CodedNote(f"warning: half of the motions are {text}", DOUBT))
     return notes

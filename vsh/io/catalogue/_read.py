@@ -636,9 +636,9 @@ def read_scalars(
         return np.where(is_mark, np.nan, column) * factors[name]
 
     def compute_values(*columns):
-        numbers = {name: number_of(name, column) for name, column in zip(formula.names, columns, strict=True)}
+        values = {name: number_of(name, column) for name, column in zip(formula.names, columns, strict=True)}
         once, twice, thrice = (
-            formula.calculate({name: (k * n, None) for name, n in numbers.items()}) for k in (1, 2, 3)
+            formula.calculate({name: (k * n, None) for name, n in values.items()}) for k in (1, 2, 3)
         )
         step = np.nan_to_num(twice - once)
         if base and np.nan_to_num(once).any() and not (step.any() and np.allclose(np.nan_to_num(thrice - twice), step)):
