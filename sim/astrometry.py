@@ -109,7 +109,7 @@ def smallest_eigenvalue(matrix: FloatArray) -> FloatArray:
     return np.linalg.eigvalsh(matrix / (scale[..., :, None] * scale[..., None, :]))[..., 0]
 
 
-def sigma_and_rho(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+def extract_errors(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Standard errors, (2, n), and correlations, (n,), of covariances, (n, 2, 2)."""
     sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
     return sigma, covariance[:, 0, 1] / (sigma[0] * sigma[1])

@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim.astrometry import COMPONENTS, expected_solution_covariances, sigma_and_rho, solve_astrometry
+from sim.astrometry import COMPONENTS, expected_solution_covariances, extract_errors, solve_astrometry
 from sim.mission import Mission, as_mission
 from sim.population import Population
 from sim.scanning import NominalScanningLaw
@@ -139,7 +139,7 @@ def errors_by_place(
             f"{lost.sum()} of {lost.size} sources have too few transits for five parameters in {mission.years:g} years:"
             " a longer mission (years=) gives all of them errors"
         )
-    unit, rho = sigma_and_rho(covariance)
+    unit, rho = extract_errors(covariance)
     return mission.transit_error(magnitude) * unit, rho
 
 

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from sim.agis import solve_mission
-from sim.astrometry import COMPONENTS, gaia_errors, sigma_and_rho, solve_astrometry
+from sim.astrometry import COMPONENTS, extract_errors, gaia_errors, solve_astrometry
 from sim.mission import Mission, as_mission
 from sim.population import Population
 from sim.scanning import BLOCK, NominalScanningLaw
@@ -116,7 +116,7 @@ def observe(
             population, rng, as_mission(mission, release), variability, excess_noise, quote_variability, threads,
             progress, "motion",
         )  # fmt: skip
-        population, (sigma, rho) = population[keep], sigma_and_rho(covariance)
+        population, (sigma, rho) = population[keep], extract_errors(covariance)
     else:
         if variability is not None or quote_variability or np.any(excess_noise != 0.0):
             raise ParameterError("variability and excess noise need a mission, at whose transits sources are displaced")
@@ -209,7 +209,7 @@ def observe_offsets(
     error = arguments.float_array("radio", radio, (len(population),), broadcast=True)[keep]
     errors = errors + error * rng.standard_normal(errors.shape)
     covariance = covariance + error[:, None, None] ** 2 * np.eye(2)
-    return _make_field(population[keep], as_signal(signal), errors, notes, *sigma_and_rho(covariance))
+    return _make_field(population[keep], as_signal(signal), errors, notes, *extract_errors(covariance))
 
 
 def _solve_mission_sources(population, rng, mission, variability, excess_noise, quote, threads, progress, kind):
