@@ -404,7 +404,7 @@ class Posterior(SampleResult):
         target_steps = int(np.ceil(2.5 * ENOUGH * slowest)) if is_finite else 10 * steps
         raise ConvergenceError(
             f"{steps} steps are {length}; {ENOUGH} times are needed for a result. Ask for "
-            f"{target_steps * walkers} samples or more (n_samples=, --n-samples; in Python also max_samples=); a chain "
+            f"{target_steps * walkers} samples or more (n_samples=, --posterior; in Python also max_samples=); a chain "
             "with a checkpoint goes on from "
             "where it is"
         )

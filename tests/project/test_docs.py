@@ -1,5 +1,6 @@
 """The documentation is complete and true to the code; `make docs` builds it."""
 
+import ast
 import configparser
 import importlib
 import inspect
@@ -172,3 +173,36 @@ def test_validation_ends_with_what_the_benchmarks_printed():
     text = (DOCS / "validation.md").read_text(encoding="utf-8").strip()
     assert text.startswith("# Validation")
     assert text.endswith(coverage)
+
+
+def texts_of_code():
+    """All texts of the packages but docstrings, … where a value is put in."""
+    for package in ("vsh", "fit", "sim", "study"):
+        for path in (ROOT / package).rglob("*.py"):
+            nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+            docstrings = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+            for node in nodes:
+                if isinstance(node, ast.JoinedStr):
+                    yield "".join(part.value if isinstance(part, ast.Constant) else "…" for part in node.values)
+                elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings:
+                    yield node.value
+
+
+def test_messages_that_are_explained_are_in_the_code():
+    """Every piece of two words or more between the … of a message; what other programs say is left out."""
+    text = " ".join("\n".join(texts_of_code()).split())
+    page, _, _ = (DOCS / "troubleshooting.md").read_text(encoding="utf-8").partition("## Setting up")
+    messages = re.findall(r"^\| (.+?) \| .+ \|$", page, re.MULTILINE)
+    assert len(messages) > 60
+    for message in messages:
+        if not message.startswith(("message", "---", "the command ends", "Python ends")):
+            pieces = re.split(r"…|; | / |\b[NMLXY]\b|θ|`[^`]*`|'[^']*'", message)
+            for piece in (piece.strip(" .,:?()") for piece in pieces):
+                assert len(piece.split()) < 2 or piece in text, f"{message}: no message has {piece!r}"
+
+
+def test_options_that_messages_name_exist():
+    helps = "".join(words_of(name).make_parser().format_help_all() for name in COMMANDS)
+    option = re.compile(r"(?<![\w-])--[a-z][\w-]*")
+    named = {name for text in texts_of_code() for name in option.findall(text)}
+    assert named - {*option.findall(helps)} == {"--threads"}  # a setting of the process

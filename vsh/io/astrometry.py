@@ -135,7 +135,7 @@ class _CatalogueColumns:
                 self.names[role] = column
         for role in ("name", "epoch"):
             if role not in self.names and not (role == "epoch" and epoch is not None):
-                remedy = "; epoch= says that of all rows (--epochs NAME=EPOCH)" if role == "epoch" else ""
+                remedy = "; add it as a column, or say epoch= in read_astrometry" if role == "epoch" else ""
                 raise TableError(f"{table.label}: {missing_column(role + suffix, table)}{remedy}")
         self.columns = table.columns(tuple(dict.fromkeys(self.names.values())))
 
