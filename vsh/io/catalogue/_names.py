@@ -293,7 +293,7 @@ def guess_names(column_names: Mapping[str, str], names: Iterable[str]) -> dict[s
 
 
 def _classify_name(name):
-    """Whether a name is of a motion, of an error and of a longitude, three flags; None where no single axis is told."""
+    """Return whether a name is of a motion, of an error and of a longitude; None where it tells no single axis."""
     axis = re.sub("^.*?(pm|mu)_?", "", name)
     is_longitude, is_latitude = (bool(pattern.search(axis)) for pattern in (_LONGITUDE, _LATITUDE))
     if is_longitude == is_latitude:

@@ -1,4 +1,4 @@
-"""Every number of every kind of result, and of every command, is what it was: `python tests/test_numbers.py` writes it anew.
+"""Every number of every kind of result, and of every command, is what it was: `python tests/project/test_numbers.py` writes it anew.
 
 Whether a number is right is said by the tests of its estimator; here a change that nobody meant is seen.
 """
@@ -128,7 +128,7 @@ def check(numbers, name):
         if np.shape(now[where]) != np.shape(kept[where])
         or not np.allclose(now[where], kept[where], rtol=1e-5, atol=1e-7 * scale[where] + 1e-12, equal_nan=True)
     }
-    assert not changed, f"{name}: {len(changed)} of {len(kept)} changed: `python tests/test_numbers.py` if they should"
+    assert not changed, f"{name}: {len(changed)} of {len(kept)} changed: `python tests/project/test_numbers.py` if they should"
 
 
 def leaves(tree, where=""):
