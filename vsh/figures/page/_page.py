@@ -353,7 +353,7 @@ def _collect_sky_data(solution):
         "fitted": modes.lmax,
         "sent": int(order.size),
         "names": names,
-        "seen": chance_of(solution.coefficients.values, np.asarray(solution.covariance)) < SEEN,
+        "seen": chance_of(solution.coefficients, np.asarray(solution.covariance)) < SEEN,
         "sources": {
             "lon": _encode_floats(np.degrees(field.lon[order])),
             "lat": _encode_floats(np.degrees(field.lat[order])),

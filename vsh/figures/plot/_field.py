@@ -226,10 +226,20 @@ def significance_of(motion: FloatArray, basis: FloatArray, covariance: FloatArra
         return np.asarray(np.sqrt((east**2 * b - 2 * east * north * c + north**2 * a) / (a * b - c**2)))
 
 
-def chance_of(values: FloatArray, covariance: FloatArray) -> float:
-    """Probability that noise alone gives such coefficients or larger ones; 1 where the covariance is not known."""
+def chance_of(coefficients: Coefficients, covariance: FloatArray) -> float:
+    """The smallest of the probabilities that noise alone gives such a spin, a glide, or all coefficients, or larger ones.
+
+    All coefficients alone would not do: those that a systematic floor holds back are small by their errors, so that a
+    spin which is seen would be hidden among them. It is 1 where the covariance is not known.
+    """
     if not np.isfinite(covariance).all():
         return 1.0
+    modes = coefficients.modes
+    parts = [slice(None), *(modes.slice_of(kind, 1) for kind in modes.kinds)]
+    return min(_compute_chance(coefficients.values[part], covariance[part, part]) for part in parts)
+
+
+def _compute_chance(values, covariance):
     # A covariance from few draws is singular: what they did not vary is not asked about.
     variances, axes = np.linalg.eigh(covariance)
     varied = variances > 1e-12 * variances[-1]
@@ -284,7 +294,7 @@ def plot_field(
     if covariance is not None and np.shape(covariance) != (len(modes), len(modes)):
         raise ParameterError(f"covariance has shape {np.shape(covariance)}, the coefficients are {len(modes)}")
     is_covariance_known = covariance is not None and bool(np.isfinite(covariance).all())
-    chance = chance_of(coefficients.values, np.asarray(covariance)) if is_covariance_known else 0.0
+    chance = chance_of(coefficients, np.asarray(covariance)) if is_covariance_known else 0.0
     is_noise = chance >= SEEN
     room_below = 0.95 if covariance is not None and not is_noise else 0.5
     axes = sky_axes(frame if field is None else field.frame, ax, projection=projection, centre=centre, below=room_below)
@@ -307,7 +317,7 @@ def plot_field(
     if hatching is not None:
         handles.append(Patch(facecolor="none", edgecolor="0.55", hatch="//////", linewidth=0.0, label="no sources"))
     if is_noise:
-        label = f"arrows: noise, p = {chance:.2g}"
+        label = f"arrows: not detected, p ≥ {chance:.2g}"
         handles.append(Patch(facecolor=_NOISE, linewidth=0.0, label=label))
     if handles:
         axes.legend(
