@@ -197,7 +197,8 @@ class FrameComparison(FrameResult, AboutSolution):
     def best(self) -> Solution:
         """The solution with the errors of the verdict: in classes, and of rotation and glide with systematic errors.
 
-        Where sources share errors, rotation and glide are taken as independent of the higher degrees.
+        Where sources share errors, the covariance of rotation and glide with the higher degrees is that of their noise:
+        systematic errors add to the variances alone.
         """
         solution, errors = self.solution, self.solution.errors_from
         source = solution.error_source
@@ -210,8 +211,11 @@ class FrameComparison(FrameResult, AboutSolution):
         if self.shared is not None:
             shared_solution = self.shared.solutions[0]
             values[degree_one] = shared_solution.values
-            covariance[degree_one] = covariance[:, degree_one] = 0.0
             covariance[np.ix_(degree_one, degree_one)] = shared_solution.covariance
+            if np.linalg.eigvalsh(covariance)[0] <= 0:  # what is held back leaves less room than the noise had
+                higher = np.flatnonzero(solution.modes.degrees > 1)
+                covariance[np.ix_(degree_one, higher)] = 0.0
+                covariance[np.ix_(higher, degree_one)] = 0.0
             errors += "; those of rotation and glide include systematic errors"
         elif self.floor is not None:
             covariance += np.diag(self.floor.added(solution.modes))

@@ -46,3 +46,13 @@ def test_chain_and_comparison_find_one_rotation(results):
         assert np.abs((rotation.value - TURNED) / rotation.sigma).max() < 4
     assert np.abs(results["chain"].vectors("c", "a")["rotation"].value).max() < 1
     assert [label for label, _ in results["chain"].answer.lines][:2] == ["a − b: rotation", "a − b: glide"]
+
+
+def test_systematic_errors_leave_the_covariance_with_higher_degrees(catalogues):
+    """They add to the variances of rotation and glide, and make no correlation zero."""
+    north = {label: field[np.flatnonzero(field.lat > -0.3)] for label, field in catalogues.items()}
+    plain, with_floor = (compare_catalogues(north["a"], north["b"], 2, floor=floor)[0].best for floor in (False, True))
+    first, second = (np.flatnonzero(plain.modes.degrees == degree) for degree in (1, 2))
+    block = np.ix_(first, second)
+    np.testing.assert_array_equal(with_floor.covariance[block], plain.covariance[block])
+    assert np.abs(with_floor.correlation[block]).max() > 0.2
