@@ -211,11 +211,13 @@ class FrameComparison(FrameResult, AboutSolution):
         if self.shared is not None:
             shared_solution = self.shared.solutions[0]
             values[degree_one] = shared_solution.values
-            covariance[np.ix_(degree_one, degree_one)] = shared_solution.covariance
-            if np.linalg.eigvalsh(covariance)[0] <= 0:  # what is held back leaves less room than the noise had
+            block = np.ix_(degree_one, degree_one)
+            noise, covariance[block] = covariance[block], shared_solution.covariance
+            if np.linalg.eigvalsh(covariance)[0] <= 0:  # errors are smaller where systematic errors are held back
+                smaller = np.linalg.cholesky(covariance[block]) @ np.linalg.inv(np.linalg.cholesky(noise))
                 higher = np.flatnonzero(solution.modes.degrees > 1)
-                covariance[np.ix_(degree_one, higher)] = 0.0
-                covariance[np.ix_(higher, degree_one)] = 0.0
+                covariance[np.ix_(degree_one, higher)] = smaller @ covariance[np.ix_(degree_one, higher)]
+                covariance[np.ix_(higher, degree_one)] = covariance[np.ix_(degree_one, higher)].T
             errors += "; those of rotation and glide include systematic errors"
         elif self.floor is not None:
             covariance += np.diag(self.floor.added(solution.modes))

@@ -119,6 +119,18 @@ def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", ra
 _FAR_APART = 0.02
 
 
+class Offsets(Field):
+    """Differences of position of n sources: a field as any, of Δα cos δ and Δδ in µas."""
+
+    unit = "µas"
+
+    def _table(self):
+        columns, units, facts = super()._table()
+        names = {name: name.replace("pm", "d") for name in columns}  # dra, ddec, dra_error, … in place of pmra, …
+        units = {names[name]: unit.removesuffix(" / yr") for name, unit in units.items()}
+        return {names[name]: values for name, values in columns.items()}, units, facts
+
+
 def match(
     a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None, pairs: MatchResult | None = None
 ) -> Field:
@@ -140,7 +152,7 @@ def match(
     -------
     Field
         At the positions of `a`, one to one: a source with two possible counterparts is left
-        out. Its notes count what was matched, ambiguous and left over.
+        out. Its notes count what was matched, ambiguous and left over. Of positions its `unit` is µas.
 
     Raises
     ------
@@ -178,7 +190,7 @@ def match(
     extras: dict[str, Any] = {}
     if not positions:
         extras = {column: _pick(getattr(a, column), i) for column in MEASURED} | {"redshift_frame": a.redshift_frame}
-    return Field(
+    return (Offsets if positions else Field)(
         a.lon[i],
         a.lat[i],
         difference,
