@@ -25,7 +25,7 @@ from vsh.tools.types import FloatArray
 _WIDE_GAP, _LARGEST_SHARE = np.radians(60), 0.5
 #: Rows in one square of an arcsecond are of one source [rad]; where they are more than this share of all, errors that
 #: take them as independent are wrong.
-_PLACE_SIZE, _REPEATED_SHARE = np.radians(1 / 3600), 0.2
+_PLACE_SIZE, _REPEATED_SHARE = np.radians(1 / 3600), 0.01
 #: Few sources leave wide parts empty by chance: one about a given point is worth a word if that has this probability.
 _GAP_CHANCE = 1e-5
 #: So many places of a catalogue in parts are kept, and so many names to find those that stand twice.

@@ -232,7 +232,7 @@ def _explain_no_permutation(binned_solution, p_values):
         return (
             "not computed, because a permutation of the redshifts destroys the coherent flow of neighbouring galaxies"
         )
-    return "not computed here (fit.redshift.permutation_test does; vsh-redshift up to 20000 sources)"
+    return "not computed here (fit.redshift.permutation_test does; vsh-redshift of up to 20000 sources without --floor)"
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

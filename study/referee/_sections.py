@@ -56,8 +56,8 @@ def checks(quasars: Quasars, headline: Recommended, rng: Rng = 1, earlier: Field
           for frame in _FRAMES),
         ("degree", "independent of the maximum degree", partial(_check_degree, quasars, headline)),
         ("robust", "the same with Student's t and with least squares", partial(_check_method, quasars, rng)),
-        ("one source", "not made by a single source", partial(_check_source, quasars)),
-        ("maps", "not explained by maps of the survey's properties", partial(_check_maps, quasars, headline, rng)),
+        ("one source", "independent of any single source", partial(_check_source, quasars)),
+        ("maps", "independent of maps of the survey's properties", partial(_check_maps, quasars, headline, rng)),
     ]  # fmt: skip
     if earlier is not None:
         questions.append(

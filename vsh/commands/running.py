@@ -86,8 +86,8 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
     except MemoryError:
         return _report_failure(program, "error: not enough memory: lower the degree, or read fewer sources")
     except np.linalg.LinAlgError as error:
-        text = f"a matrix cannot be solved with ({error}): too few sources, or errors that differ by many powers of ten"
-        return _report_failure(program, f"error: {text}")
+        text = f"error: a matrix cannot be solved with ({error}): too few sources, or motions or errors in a wrong unit"
+        return _report_failure(program, f"{text}, so that they differ by many powers of ten (--units)")
     except BrokenPipeError:  # whoever read our output has seen enough
         silence()
         return 0

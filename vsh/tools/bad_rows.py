@@ -260,21 +260,24 @@ def select_usable(
     count = int(is_bad.sum())
     if not count:
         return slice(None), ()
-    details = "; ".join(
-        f"{reason}: {mask.sum()} ({_format_row_numbers(mask, first_row)})" for reason, mask in invalid.items()
-    )
-    message = f"{count} of {n} rows cannot be used: {details}"
     counts = {reason: int(mask.sum()) for reason, mask in invalid.items()}
     note = DroppedRows.of_table(counts, n, np.packbits(is_bad), *mark)
     if count == n:
-        error = EmptyFieldError(f"{message}. No row is left")
+        error = EmptyFieldError(f"{_describe_rows(invalid, n, first_row)}. No row is left")
         error.notes = (note,)
         raise error
     if on_bad == "raise" and has_invalid:
-        raise FieldError(
-            f'{message}; rows are counted from 0. Fix them, or leave them out with on_bad="drop" (--on-bad drop)'
-        )
+        wrong_rows = {reason: mask for reason, mask in invalid.items() if reason not in (aside or {})}
+        remedy = 'Fix them, or leave them out with on_bad="drop" (--on-bad drop)'
+        raise FieldError(f"{_describe_rows(wrong_rows, n, first_row)}; rows are counted from 0. {remedy}")
     return ~is_bad, (note,)
+
+
+def _describe_rows(masks, n, first_row):
+    details = "; ".join(
+        f"{reason}: {mask.sum()} ({_format_row_numbers(mask, first_row)})" for reason, mask in masks.items()
+    )
+    return f"{sum(mask.sum() for mask in masks.values())} of {n} rows cannot be used: {details}"
 
 
 def _format_row_numbers(mask, first_row=0, limit=5):

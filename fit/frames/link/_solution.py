@@ -270,6 +270,7 @@ class FrameTie(FrameResult, NamedSolution):
         remarks = []
         if count:
             names = ", ".join(one_line_text(self.sources[i]) for i in order[:_MOST_LISTED])
+            names += f" and {count - _MOST_LISTED} more" if count > _MOST_LISTED else ""
             remarks.append(
                 f"Probable outliers (errors more than three times as large): {count} of {len(self.sources)}: {names}."
             )

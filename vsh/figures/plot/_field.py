@@ -227,7 +227,7 @@ def significance_of(motion: FloatArray, basis: FloatArray, covariance: FloatArra
 
 
 def chance_of(coefficients: Coefficients, covariance: FloatArray) -> float:
-    """The smallest of the probabilities that noise alone gives such a spin, a glide, or all coefficients, or larger ones.
+    """The smallest probability that noise alone gives such a spin, such a glide, or such coefficients, or larger ones.
 
     All coefficients alone would not do: those that a systematic floor holds back are small by their errors, so that a
     spin which is seen would be hidden among them. It is 1 where the covariance is not known.

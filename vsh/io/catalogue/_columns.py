@@ -67,7 +67,8 @@ def as_columns(columns: Any) -> ColumnRequest:
     roles = [f.name for f in fields(Columns)]
     unknown_roles = [str(role) for role in names if role not in roles]
     if unknown_roles:
-        raise TableError(f"columns: nothing is called {', '.join(unknown_roles)}; there are {', '.join(roles)}")
+        apart = "; frame= and redshift_frame= are arguments of their own" * ("frame" in " ".join(unknown_roles))
+        raise TableError(f"columns: nothing is called {', '.join(unknown_roles)}; there are {', '.join(roles)}{apart}")
     return ColumnRequest(replace(NAMED[set_name], **names), None if "names" in columns else tuple(names))
 
 

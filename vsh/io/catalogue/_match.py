@@ -356,7 +356,7 @@ def read_positions(
         roles.pop("ra_error"), roles.pop("dec_error"), roles.pop("ra_dec_corr")
     for role in (*_UNITS_BY_ROLE, *columns):
         if role in roles and roles[role] not in table_source.names:
-            remark = "; or one error for all, sigma= (--columns sigma=)" if role.endswith("error") else ""
+            remark = "; or one error for all: sigma=200 (--columns sigma=200) [µas]" if role.endswith("error") else ""
             raise TableError(missing_column(roles[role], table_source) + remark)
     roles = {role: name for role, name in roles.items() if name in table_source.names}
     selection = None if where is None else RowSelection(where, table_source)

@@ -160,7 +160,7 @@ _EQUINOX = re.compile(r"[JB]?\d{4}(\.\d+)?|ICRS|FK[45]|ep=.*", re.IGNORECASE)
 #: The same with underscores: dist_kpc, pmra_mas_yr.
 _UNIT_BEHIND = re.compile(r"(.+)_(deg|rad|kpc|mpc|pc|(?:mas|uas|arcsec)(?:_?p?e?r?_?yr))", re.IGNORECASE)
 _CORRELATION = re.compile(
-    r"^(?!.*corrected)(?=.*(corr?|rho|:|cov))((?=.*(pm|mu)_?ra)(?=.*(pm|mu)_?de)|.*(pm|mu)_?(corr?|rho|cov)"
+    r"^(?!.*corrected)(?=.*(corr?|rho|:|cov)|c_)(.*(pm|mu).*(pm|mu)|.*(pm|mu)_?(ra_?de|l_?b)|.*(pm|mu)_?(corr?|rho|cov)"
     r"|.*(corr?|rho|cov)_?(pm|mu)|(corr?|rho)$)",
     re.IGNORECASE,
 )

@@ -23,7 +23,7 @@ _MOST = 5000
 def open_sinex(path: PathName, label: str) -> TableSource:
     """A solution of positions as a table: names, degrees, and errors in mas, of right ascension times cos δ."""
     with open_lines(path, label) as lines:
-        blocks = _split_into_blocks(lines)
+        blocks = _split_into_blocks(lines, label)
     try:
         names = {line[1:5].strip(): (line[6:14].strip(), line[15:31].strip()) for line in blocks["SOURCE/ID"]}
         estimates = [line.split() for line in blocks["SOLUTION/ESTIMATE"]]
@@ -62,14 +62,17 @@ def open_sinex(path: PathName, label: str) -> TableSource:
     return TableSource(label, source.names, source.read, units, notes=notes, covariance=covariance)
 
 
-def _split_into_blocks(lines):
+def _split_into_blocks(lines, label):
     """Split lines into blocks by title, without comments; that of a matrix has its triangle and kind in the title."""
-    blocks, block_lines = {}, []
+    blocks, block_lines, last_line = {}, [], ""
     for line in lines:
+        last_line = line if line.strip() else last_line
         if line.startswith("+"):
             block_lines = blocks.setdefault(line[1:].strip(), [])
         elif not line.startswith(("*", "-", "%")) and line.strip():
             block_lines.append(line.rstrip("\n"))
+    if not last_line.startswith("%ENDSNX"):
+        raise TableError(f"{label} is cut: its last line is not %ENDSNX. Fetch it again")
     return blocks
 
 

@@ -346,7 +346,7 @@ def test_list_without_errors(tmp_path):
     path = tmp_path / "vievsCrf.txt"
     path.write_text(listed("vievs"))
     for read in (read_positions, read_icrf):
-        with pytest.raises(TableError, match="no column 'ra_error'.*one error for all, sigma="):
+        with pytest.raises(TableError, match="no column 'ra_error'.*one error for all: sigma=200"):
             read(path)
     assert (read_positions(path, sigma=100.0).sigma == 100).all()
 
@@ -422,7 +422,11 @@ def test_sinex_matrix_that_is_cut_absent_or_inverted(tmp_path):
     """An element on the diagonal tells that the matrix is whole; INFO is the inverse; errors may stand there alone."""
     path, lines = tmp_path / "a.snx", sinex().splitlines()
     start = lines.index("+SOLUTION/MATRIX_ESTIMATE L COVA")
-    path.write_text("\n".join(lines[: start + 4]) + "\n")
+    for end in (start - 2, start + 4):  # within the estimates, and within the matrix
+        path.write_text("\n".join(lines[:end]) + "\n")
+        with pytest.raises(TableError, match="is cut: its last line"):
+            read_positions(path)
+    path.write_text("\n".join(lines[: start + 4]) + "\n%ENDSNX\n")
     with pytest.raises(TableError, match="lacks 3 of 6 diagonal elements"):
         read_positions(path)
     path.write_text("\n".join(lines[:start]) + "\n%ENDSNX\n")

@@ -159,7 +159,7 @@ def test_errors_of_other_axes_than_the_motions_are_refused(motions):
 
 
 @for_each([("raj2000", "pmra", "pm_corr"), ("ra", "pmra_cosdec", "corr_pm"), ("ra", "pmra", "pm_corr"),
-           ("ra", "pmra", "rho"), ("ra", "pmra", "muRA_muDE_corr"), ("ra", "pmra", "rho_mu")])  # fmt: skip
+           ("ra", "pmra", "rho"), ("ra", "pmra", "muRA_muDE_corr"), ("ra", "pmra", "rho_mu"), ("ra", "pmra", "c_pmra_pmdec")])  # fmt: skip
 def test_correlations_under_other_names_are_told_of(names):
     """A suffix of a name that is no join's (J2000, cos δ) takes no correlations away."""
     ra, motion, correlation = names
@@ -170,6 +170,27 @@ def test_correlations_under_other_names_are_told_of(names):
         warnings.simplefilter("ignore")
         notes = read_field(columns, columns={"ra": ra, "pmra": motion}, units=units).notes
     assert any(f"pmra_pmdec_corr={correlation}" in note for note in notes)
+
+
+@for_each(["pml_pmb_corr", "pmlb_corr", "pmLpmBcor", "pml_pmb_correlation"])
+def test_correlations_of_galactic_motions_are_told_of(name):
+    columns = {"l": np.arange(5.0), "b": np.arange(5.0)}
+    columns |= {motion: np.ones(5) for motion in ("pml", "pmb", "pml_error", "pmb_error")} | {name: np.zeros(5)}
+    names = {
+        "ra": "l",
+        "dec": "b",
+        "pmra": "pml",
+        "pmdec": "pmb",
+        "pmra_error": "pml_error",
+        "pmdec_error": "pmb_error",
+    }
+    with pytest.warns(VshWarning, match=name):
+        read_field(
+            columns,
+            columns=names,
+            frame="galactic",
+            units=dict.fromkeys(names.values(), "mas/yr") | {"l": "deg", "b": "deg"},
+        )
 
 
 def test_galactic_positions_beside_motions_in_the_icrs():
