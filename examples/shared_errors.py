@@ -16,7 +16,7 @@ import fit
 import sim
 from fit.background import Spectrum, floor
 from vsh import Modes
-from vsh.figures.plot import COLOURS, STYLE
+from vsh.figures.plot import COLOURS, STYLE, set_log_ticks
 
 # %%
 # One sky: the normal equations of 20 000 quasars; with more of them only their information grows.
@@ -69,7 +69,8 @@ axes.loglog(numbers, plain_quoted, "--", color=COLOURS[1], label="plain fit, quo
 axes.loglog(numbers, plain_true, "o", color=COLOURS[1], label="plain fit, true")
 axes.loglog(numbers, quoted, "-", color=COLOURS[0], label="prior and floor, quoted")
 axes.loglog(numbers, true, "s", color=COLOURS[0], label="prior and floor, true")
-axes.set_xlabel("sources")
+axes.set_xlabel("number of sources")
 axes.set_ylabel("error of the acceleration  [µas/yr]")
+set_log_ticks(axes.yaxis, *axes.get_ylim())
 axes.legend()
 plt.savefig("shared_errors.png", dpi=300)

@@ -35,7 +35,7 @@ def plot_density(population, nside, title):
     )  # fmt: skip
     ecliptic = triad(np.linspace(0, 2 * np.pi, 721), np.zeros(721))[2]
     draw_line(axes, *angles(rotation_matrix("ecliptic", population.frame) @ ecliptic), color="cyan", label="ecliptic")
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 0.0), borderaxespad=0)
+    axes.legend(loc="upper right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0)
     return axes
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import fit
 import sim
 from fit.background import Spectrum
-from vsh.figures.plot import COLOURS, STYLE
+from vsh.figures.plot import COLOURS, STYLE, set_log_ticks
 
 # %%
 # A pattern on the sky
@@ -57,8 +57,9 @@ axes.loglog(numbers, means[:, 1], "--", color=COLOURS[1], label="plain fit, quot
 axes.loglog(numbers, means[:, 0], "o", color=COLOURS[1], label="plain fit, true")
 axes.loglog(numbers, means[:, 3], "-", color=COLOURS[0], label="with the floor, quoted")
 axes.loglog(numbers, means[:, 2], "s", color=COLOURS[0], label="with the floor, true")
-axes.set_xlabel("sources")
+axes.set_xlabel("number of sources")
 axes.set_ylabel("error of the acceleration  [µas/yr]")
+set_log_ticks(axes.yaxis, *axes.get_ylim())
 axes.legend()
 
 # %%

@@ -103,7 +103,9 @@ def plot_shared(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
             series[axis] = [(vector.value[k], vector.sigma[k]) for vector in vectors]
         for k, (axis, pairs) in enumerate(series.items()):
             heights, (values, errors) = positions + 0.2 * (k - (len(series) - 1) / 2), zip(*pairs, strict=True)
-            axes.errorbar(values, heights, xerr=errors, fmt="o", markersize=3, color=COLOURS[k], label=axis or None)
+            axes.errorbar(
+                values, heights, xerr=errors, fmt="os^"[k], markersize=3, color=COLOURS[k], label=axis or None
+            )
         axes.axvline(0, color="0.7", linewidth=0.8)
         axes.set_yticks(positions, wrapped if axes is subplots[0] else [""] * len(labels))
         axes.set(ylim=(len(labels) - 0.5, -0.5), xlabel=f"{names.get(attribute, attribute)}\n[{classes.unit}]")
@@ -114,6 +116,7 @@ def plot_shared(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
 
 def _wrap_label(label):
     """A label of several lines, none of which ends with a sign of comparison."""
+    label = re.sub(r"\d+\.\d{4,}", lambda number: f"{float(number[0]):.3g}", label)
     return "\n".join(textwrap.wrap(re.sub("([<≤≥>]) ", "\\1\u00a0", label), 24)).replace("-", "−")
 
 

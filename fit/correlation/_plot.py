@@ -24,6 +24,7 @@ from vsh.figures.plot import (
 )
 from vsh.io.quantities import symbol
 from vsh.modes import KINDS
+from vsh.sky.frames import title_of
 from vsh.sky.pixels import smooth_map
 from vsh.tools.types import Axes, AxesArray, FloatArray, OnAxes
 
@@ -44,7 +45,7 @@ def plot_matrix(correlations: Any, *, ax: Axes | None = None) -> Axes:
         axes.set_title(f"above the diagonal: {correlations.labels[0]}\nbelow: {correlations.labels[1]}")
     else:
         axes.set_title(correlations.labels[0])
-    colour_bar(axes, image, f"correlation ({correlations.frame} axes)")
+    colour_bar(axes, image, f"correlation ({title_of(correlations.frame)} axes)")
     return axes
 
 
@@ -91,8 +92,8 @@ def plot_leakage(leakage: Any, *, ax: OnAxes | None = None) -> AxesArray:
                 biases = leakage.bias_of([f"{vector}_{axis}" for axis in "xyz"], power)
                 rms.append(np.sqrt(sum(value**2 for value in biases.values())))
             axes.plot(degrees, rms, "os"[row] + "-", color=KIND_COLOURS[kind], label=f"from {KIND_NAMES[kind]} degrees")
-        axes.set(ylabel=f"bias, {name}  [µas/yr]", ylim=(0, None))
+        axes.set(ylabel=f"rms bias of {name}\n[µas/yr]", ylim=(0, None))
     legend_above(axes_array[0])
-    axes_array[1].set_xlabel("degree left out, of power 1 (µas/yr)²: its rms bias")
+    axes_array[1].set_xlabel("degree $\\ell$ that is left out, of power 1 (µas/yr)²")
     axes_array[1].xaxis.set_major_locator(MaxNLocator(integer=True))
     return axes_array

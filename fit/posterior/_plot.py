@@ -5,6 +5,7 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from fit.posterior._priors import UNITS
@@ -80,10 +81,15 @@ def plot_corner(
     for axes, name, values in zip(subplots.diagonal(), quantities, columns.T, strict=True):
         axes.set_title(f"{symbol(name)} = {_format_median(values)}", fontsize=7)
     for axes in subplots[np.tril_indices(k)]:  # the end ticks of two neighbours would touch
-        axes.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
+        axes.xaxis.set_major_locator(MaxNLocator(3, prune="both", min_n_ticks=2))
     for axes in subplots[np.tril_indices(k, -1)]:
         axes.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
     _draw_prior(subplots, posterior, quantities)
+    handles = [Line2D([], [], color=COLOURS[1], label="truth")] * any(value is not None for value in truth_values)
+    if "H0" in quantities and getattr(posterior, "model", None) is not None:
+        handles.append(Line2D([], [], color="0.4", linestyle="--", linewidth=0.8, label="prior on $H_0$"))
+    if handles and k > 1:
+        figure.legend(handles=handles, loc="upper right", bbox_to_anchor=(0.98, 0.93))
     figure.suptitle(f"{title_of(posterior.frame)} axes, velocity toward the apex", x=0.98, ha="right")
     return subplots
 

@@ -44,7 +44,7 @@ def plot_flow(flow: Any, *, ax: OnAxes | None = None) -> AxesArray:
         draw_vectors(axes, *grid, tangential, scale=reach, longest=_LONGEST, color="0.1")
         draw_key(axes, reach, "km/s across", _LONGEST)
         fraction = _compute_share_determined(flow, radius)
-        axes.set_title(f"{radius:.0f} Mpc/h: {fraction:.0%} of the flow's variance known from the motions")
+        axes.set_title(f"{radius:.0f} Mpc/h: {fraction:.0%} of the variance known")
     bar = axes.figure.colorbar(image, ax=list(subplots), orientation="horizontal", shrink=0.7, pad=0.02, aspect=30)
     bar.set_label("velocity away from us  [km/s], in the frame of the CMB")
     return subplots

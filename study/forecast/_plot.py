@@ -28,7 +28,7 @@ def plot_forecast(forecast: Any, *, ax: OnAxes | None = None) -> AxesArray:
         axes.margins(x=0.15)
         set_log_ticks(axes.xaxis, *axes.get_xlim())
         axes.grid(axis="y", color="0.9", linewidth=0.4)
-        axes.set(ylim=(len(names) - 0.5, -0.5), xlabel=f"error of {label}")
+        axes.set(ylim=(len(names) - 0.5, -0.5), xlabel="error of " + label.replace("  ", "\n"))
         axes.set_yticks(rows, names)
         legend_above(axes, 1)
     return axes_array

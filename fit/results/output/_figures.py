@@ -49,7 +49,7 @@ def plot_sky(solution: Any, field: Any = None, *, ax: Axes | None = None) -> Any
     title = f"{solution.n_sources} sources and the field fitted to degree {solution.modes.lmax}"
     options = {"frame": solution.frame, "title": title, "ax": ax, "unit": solution.unit}
     if solution.modes.components == 1:
-        return plot_scalar_field(field, solution.coefficients, **options)
+        return plot_scalar_field(field, solution.coefficients, covariance=solution.covariance, **options)
     return plot_field(field, solution.coefficients, covariance=solution.covariance, **options)
 
 
@@ -89,29 +89,31 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
         limits = np.array([row.limit() for row, has_limit in zip(kind_rows, is_limit, strict=True) if has_limit])
         arrows: Any = {"uplims": True, "fmt": "none", "capsize": 2.5, "elinewidth": 0.8}
         axes.errorbar(l[is_limit], limits, 0.45 * limits, color=colour, **arrows)
-        axes.hlines(noise, l - 0.085, l + 0.085, color=colour, linestyle=":", zorder=3)
-        marker_style: Any = (
-            {"marker": marker, "linestyle": "none"} if is_finite.any() else {"linestyle": ":"}
-        )  # of errors to come
+        axes.hlines(noise, l - 0.14, l + 0.14, color=colour, linestyle=(0, (1, 1)), linewidth=1.4, zorder=5)
+        # Of errors to come there is no power; where all are limits the key is one.
+        key = {"marker": marker if is_signal.any() else "v", "linestyle": "none"}
+        marker_style: Any = key if is_finite.any() else {"linestyle": ":"}
         handles.append(Line2D([], [], color=colour, label=KIND_NAMES[kind], **marker_style))
         has_limits = has_limits or bool(is_limit.any())
         levels += [*power[is_signal], *(power + error)[is_signal], *limits, *(0.5 * limits), *noise]
-    if solution.floor is not None and solution.includes_floor:
-        _draw_floor(axes, solution.floor, handles)
     # An error as large as the power has no lower end on a logarithmic axis: its bar runs out of it.
     axes.set_yscale("log", nonpositive="clip")
     positive_levels = np.array(levels)[np.isfinite(levels) & (np.array(levels) > 0)]
     reach = (positive_levels.min() / 2, positive_levels.max() * 2) if positive_levels.size else (0.5, 2.0)
     axes.set_ylim(reach)
+    if solution.floor is not None and solution.includes_floor:
+        _draw_floor(axes, solution.floor, handles)
     set_log_ticks(axes.yaxis, *reach)
     if solution.modes.lmax <= 12:
         axes.set_xticks(np.unique([row.l for row in rows if row.l]))
-    axes.set(xlabel="degree", ylabel=f"power  {format_squared_unit(solution)}")
+    axes.set(xlabel="degree $\\ell$", ylabel=f"power  {format_squared_unit(solution)}")
     roots = axes.secondary_yaxis("right", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
     roots.set_ylabel(f"√power  [{solution.unit}]" if solution.unit else "√power")
     set_log_ticks(roots.yaxis, *np.sqrt(reach))
     if has_limits:
-        handles.append(Line2D([], [], color="0.3", marker="v", markersize=3, linestyle="none", label="95 % limit"))
+        handles.append(
+            Line2D([], [], color="0.3", marker="v", markersize=3, linestyle="none", label="95 % limit, p > 0.05")
+        )
     handles.append(Line2D([], [], color="0.3", linestyle=":", label="noise alone"))
     mean_text = None
     if solution.modes.lowest == 0:
@@ -123,11 +125,12 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
 
 def _draw_floor(axes, floor, handles):
     """The floor of low degrees, the likeliest 68 % of their power, as bands at their sides."""
-    for kind, l, lower, upper in floor.bands:
+    bands = [band for band in floor.bands if band[1] and band[-1] > axes.get_ylim()[0]]  # the mean is not drawn
+    for kind, l, lower, upper in bands:
         middle = l + (0.3 if kind == "S" else -0.3)
         axes.fill_between([middle - 0.08, middle + 0.08], max(lower, upper / 30), upper, alpha=0.35,
                           color=KIND_COLOURS[kind], linewidth=0)  # fmt: skip
-    handles.append(Patch(color="0.6", alpha=0.6, linewidth=0, label="floor, 68 %"))
+    handles += [Patch(color="0.6", alpha=0.6, linewidth=0, label="floor, 68 %")] * bool(bands)
 
 
 @apply_style
@@ -225,7 +228,7 @@ def plot_residuals(
     suffix = " by the errors of the robust fit" if weights is not None else " by the catalogue's errors"
     suffix = "" if weights is None and solution.error_source == ErrorSource.CATALOGUE else suffix
     label = f"normal deviate of χ² in a pixel{suffix}\n[σ]; χ²/n = {chi2.sum() / max(1, dof.sum()):.2f} over the sky"
-    title = f"residuals of {int(sources.sum())} sources, pixels of {58.6 / nside:.1f}°"
+    title = f"residuals of {int(sources.sum())} sources, pixels of {58.6 / nside:.1f}° (grey: none)"
     return plot_map(
         deviate, label, frame=solution.frame, cmap=DIVERGING, title=title, ax=ax, vmin=-limit, vmax=limit, extend="both"
     )

@@ -10,7 +10,7 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.patches import Patch
 from scipy.special import chdtrc
 
-from vsh.basis import harmonics
+from vsh.basis import harmonics, scalar_harmonics
 from vsh.coefficients import Coefficients
 from vsh.field import Field
 from vsh.figures.plot._sky_axes import (
@@ -315,7 +315,7 @@ def plot_field(
     names = ("spin", "acceleration") if unit == "µas/yr" else ("rotation", "glide")
     handles, legend_title = _draw_directions(axes, coefficients, covariance, names)
     if hatching is not None:
-        handles.append(Patch(facecolor="none", edgecolor="0.55", hatch="//////", linewidth=0.0, label="no sources"))
+        handles.append(_make_gap_key())
     if is_noise:
         label = f"arrows: not detected, p ≥ {chance:.2g}"
         handles.append(Patch(facecolor=_NOISE, linewidth=0.0, label=label))
@@ -337,6 +337,10 @@ def plot_field(
     title_start = "T" if field is None else f"{len(field)} sources and t"
     axes.set_title(title or f"{title_start}he field fitted to degree {modes.lmax}")
     return axes
+
+
+def _make_gap_key():
+    return Patch(facecolor="none", edgecolor="0.55", hatch="//////", linewidth=0.0, label="no sources")
 
 
 def _draw_sources_and_gaps(axes, field, **style):
@@ -402,12 +406,15 @@ def plot_scalar_field(
     field: ScalarField | None,
     coefficients: ScalarCoefficients,
     *,
+    covariance: FloatArray | None = None,
     title: str | None = None,
     unit: str = "",
     frame: str = "icrs",
     ax: Axes | None = None,
 ) -> SkyAxes:
-    """A map of a scalar field as fitted, and its sources, each where it is.
+    """A map of a scalar field as fitted less its mean, and its sources, each where it is.
+
+    With a covariance the colours are full from four errors of the map on, so that noise alone stays pale.
 
     Parameters
     ----------
@@ -415,6 +422,8 @@ def plot_scalar_field(
         The sources; at most 20 000 are shown. None draws the map alone.
     coefficients : ScalarCoefficients
         The field drawn.
+    covariance : (p, p) array, optional
+        Covariance of the coefficients.
     title : str, optional
         Above the map.
     unit, frame : str
@@ -422,13 +431,14 @@ def plot_scalar_field(
     ax : matplotlib Axes, optional
         Axes whose place the map takes; a new figure unless given.
     """
-    values = coefficients.at(*centres(32))
-    middle = float(np.median(values))
-    reach = float(np.abs(values - middle).max()) or 1.0
+    values = coefficients.at(*centres(32)) - coefficients.mean
+    reach = float(np.abs(values).max()) or 1.0
+    if covariance is not None and np.isfinite(covariance).all():
+        basis = scalar_harmonics(*centres(4), coefficients.modes.lmax)[1:]
+        reach = max(reach, 4 * float(np.sqrt(np.median(np.einsum("pn,pq,qn->n", basis, covariance[1:, 1:], basis)))))
     unit, frame = (unit, frame) if field is None else (field.unit, field.frame)
-    label = f"value, as fitted{f'  [{unit}]' if unit else ''}"
-    axes = plot_map(
-        values, label, frame=frame, cmap=DIVERGING, title=title, ax=ax, vmin=middle - reach, vmax=middle + reach
-    )
-    _draw_sources_and_gaps(axes, field, color="0.15", alpha=0.5)
+    label = f"value less its mean{f'  [{unit}]' if unit else ''}"
+    axes = plot_map(values, label, frame=frame, cmap=DIVERGING, title=title, ax=ax, vmin=-reach, vmax=reach)
+    if _draw_sources_and_gaps(axes, field, color="0.15", alpha=0.5) is not None:
+        axes.legend(handles=[_make_gap_key()], loc="lower left", bbox_to_anchor=(0.0, -0.02), fontsize=6.5)
     return axes

@@ -38,8 +38,8 @@ _SIZE = 6.0
 HALO = [withStroke(linewidth=1.6, foreground="white")]
 
 
-#: Look of the numbers of the graticule: over dots, under arrows, cones and stars.
-_LABEL_STYLE: Any = {"fontsize": _SIZE, "color": "0.25", "zorder": 3, "gid": "graticule"}
+#: Look of the numbers of the graticule: over dots and arrows, under cones and stars.
+_LABEL_STYLE: Any = {"fontsize": _SIZE, "color": "0.25", "zorder": 4.5, "gid": "graticule"}
 
 
 class SkyAxes(WCSAxes):
@@ -478,7 +478,7 @@ def draw_empty(axes: SkyAxes, lon: FloatArray, lat: FloatArray, radius: float | 
     if not (distance > chord).any():
         return None
     contours = axes.contourf(
-        x, y, distance.reshape(x.shape), levels=[chord, 3.0], colors="none", hatches=["//////"], zorder=0.4
+        x, y, distance.reshape(x.shape), levels=[chord, 3.0], colors="none", hatches=["//////"], zorder=0.6
     )
     contours.set_edgecolor("0.55")
     contours.set_linewidth(0.0)
