@@ -28,7 +28,7 @@ def main(n=500_000):
     field = Field(quasars.lon, quasars.lat, np.zeros((2, n)), sigma, rho).to_frame("galactic")
     print(correlation_matrices(field).report())
 
-    true = Field.from_positions(field)._with(motion=sim.acceleration(TRUTH)(field.lon, field.lat))
+    true = Field.from_positions(field)._derive(motion=sim.acceleration(TRUTH)(field.lon, field.lat))
     rng = np.random.default_rng(3)
     found = []
     for _ in range(SKIES):
@@ -66,7 +66,7 @@ def main(n=500_000):
     direct = []
     for seed in range(few):  # the matrix against fits of the very fields
         signal = sim.random_field(np.r_[0.0, np.full(3, power)], rng=seed)
-        solution = fit.fit_field(field._with(motion=signal(field.lon, field.lat)), 1)
+        solution = fit.fit_field(field._derive(motion=signal(field.lon, field.lat)), 1)
         direct.append(np.abs(solution.acceleration.value - biased[seed]).max())
     lengths = np.linalg.norm(TRUTH + biased, axis=1)
     print(f"simulated, {SKIES} fields: rms bias of ã {np.sqrt(np.mean(np.sum(biased**2, 1))):.2f}, of ω "

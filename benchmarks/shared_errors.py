@@ -21,7 +21,7 @@ from scipy.stats import chi2
 
 import fit
 from fit.background import SHAPES, shared
-from fit.background._blocks import parities
+from fit.background._blocks import map_parities
 from fit.normal import NormalEquations
 from vsh import Field, Modes
 from vsh.models.covariance import VASILIEV_BAUMGARDT_2021, Spectrum
@@ -52,7 +52,7 @@ def variances(name, modes):
         return np.zeros(len(modes))
     if name == "flat":
         l = modes.degrees
-        return np.where(parities(modes) == 0, 20.0, 5.0) * np.where(l <= 7, 1, (7 / l) ** 2) / modes.norm2
+        return np.where(map_parities(modes) == 0, 20.0, 5.0) * np.where(l <= 7, 1, (7 / l) ** 2) / modes.norm2
     return SPECTRA[name].variances(modes)
 
 

@@ -367,8 +367,8 @@ _SURE_DOF, _DOUBTFUL_DOF, _TAILS_NU = 7, 100, 10
 def _drop_unsure_errors(weights):
     """Return a fit without errors where a few sources decide it: nothing could contradict them."""
     solution = weights.solution
-    least = max(_SURE_DOF, len(solution.modes)) if weights.nu < _TAILS_NU else _SURE_DOF
-    if solution.covariance_dof >= (_DOUBTFUL_DOF if ERRORS_TOO_SMALL in codes_of(solution.notes) else least):
+    min_dof = max(_SURE_DOF, len(solution.modes)) if weights.nu < _TAILS_NU else _SURE_DOF
+    if solution.covariance_dof >= (_DOUBTFUL_DOF if ERRORS_TOO_SMALL in codes_of(solution.notes) else min_dof):
         return solution
     text = "warning: few sources decide this fit, and it has no errors: fit.recommended adds a noise to those quoted"
     return replace(solution, covariance_dof=0.0, notes=(*solution.notes, CodedNote(text, ERRORS_TOO_SMALL)))

@@ -226,7 +226,7 @@ def block_bootstrap(
     """
     modes = modes_for(field, modes)
     rng = generator(rng)
-    p, (n_blocks, blocks) = len(modes), _normals_of_blocks(field, modes, nside, progress)
+    p, (n_blocks, blocks) = len(modes), _make_normals_of_blocks(field, modes, nside, progress)
     if n_blocks * p * p * 8 > MEMORY:
         raise DegeneracyError(
             f"{n_blocks} block matrices of {p} × {p} do not fit into memory: lower nside from {nside} or lmax from "
@@ -244,11 +244,11 @@ def block_bootstrap(
             modes, (counts @ matrices).reshape(p, p), counts @ sides, 0.0, total.n_data, total.frame
         )
         replicate[:] = solve(equations).coefficients.values
-    covariance, dof = np.cov(replicates, rowvar=False), _block_dof([np.trace(normal.matrix) for normal in normals])
+    covariance, dof = np.cov(replicates, rowvar=False), _find_block_dof([np.trace(normal.matrix) for normal in normals])
     return ResampledFit("block bootstrap", solution, replicates, covariance, scatter_dof=dof)
 
 
-def _block_dof(weights):
+def _find_block_dof(weights):
     """Degrees of freedom of a scatter between blocks of unequal weight: their effective number less one."""
     return max(float(np.sum(weights) ** 2 / np.sum(np.square(weights)) - 1), 1e-3)
 
@@ -286,23 +286,23 @@ def jackknife(
     """
     modes = modes_for(field, modes)
     whole_sky = normal_equations(field, modes)
-    n_blocks, blocks = _normals_of_blocks(field, modes, nside, progress)
+    n_blocks, blocks = _make_normals_of_blocks(field, modes, nside, progress)
     replicates, weights = np.empty((n_blocks, len(modes))), []
     for replicate, normal in zip(replicates, blocks, strict=True):
         replicate[:] = solve(whole_sky - normal).coefficients.values
         weights.append(np.trace(normal.matrix))
     deviations = replicates - replicates.mean(0)
     scatter = (n_blocks - 1) / n_blocks * deviations.T @ deviations
-    lost = 1 / _block_dof(weights) - 1 / (n_blocks - 1)  # what unequal weights take from the degrees of freedom
-    scatter_dof = 1 / lost if lost > 1e-9 else np.inf
+    loss = 1 / _find_block_dof(weights) - 1 / (n_blocks - 1)  # what unequal weights take from the degrees of freedom
+    scatter_dof = 1 / loss if loss > 1e-9 else np.inf
     return ResampledFit("jackknife", solve(whole_sky), replicates, scatter, scatter_dof=float(scatter_dof))
 
 
-def _normals_of_blocks(field, modes, nside, progress):
+def _make_normals_of_blocks(field, modes, nside, progress):
     """Count the HEALPix blocks that contain sources, and iterate over their normal equations."""
     words, is_parts = f"blocks, nside {nside}", isinstance(field, Parts)
     if is_parts:
-        sums = field.sum(partial(_moments_by_block, modes=modes, nside=nside), roles=(), words=words, progress=progress)
+        sums = field.sum(partial(_sum_by_block, modes=modes, nside=nside), roles=(), words=words, progress=progress)
         blocks = [sums[pixel] for pixel in sorted(sums)]
     else:
         pixel = pixels_of(field.lon, field.lat, nside)
@@ -314,7 +314,7 @@ def _normals_of_blocks(field, modes, nside, progress):
     return len(blocks), (x.normal_equations() if is_parts else normal_equations(field[x], modes) for x in bar)
 
 
-def _moments_by_block(field, modes, nside):
+def _sum_by_block(field, modes, nside):
     pixel = pixels_of(field.lon, field.lat, nside)
     return {int(block): Moments.of(field[pixel == block], modes) for block in np.unique(pixel)}
 
@@ -377,7 +377,7 @@ def compare_blocks(
     modes = modes_for(field, modes)
     min_blocks, rows, failure = BLOCKS_PER_COEFFICIENT * len(modes), [], None
     for nside in nsides:
-        blocks = len(as_parts(field, SourcesWithErrors).sum(partial(_pixels, nside=nside), roles=(), words="blocks"))
+        blocks = len(as_parts(field, SourcesWithErrors).sum(partial(_list_keys, nside=nside), roles=(), words="blocks"))
         if blocks < min_blocks:
             failure = DegeneracyError(
                 f"{blocks} blocks of nside {nside} are too few for {len(modes)} coefficients; "
@@ -390,11 +390,11 @@ def compare_blocks(
             failure = error
     if not rows:
         raise failure or DegeneracyError("nsides is empty: give at least one block size")
-    best = next(row for i, row in enumerate(rows) if all(not _has_grown(row, later) for later in rows[i + 1 :]))
+    best = next(row for i, row in enumerate(rows) if all(not _has_grown(row, larger) for larger in rows[i + 1 :]))
     return rows, best, _format_advice(rows, best)
 
 
-def _pixels(field, nside):
+def _list_keys(field, nside):
     """Return the pixel numbers of the blocks that contain sources, as keys of a dict."""
     return dict.fromkeys(np.unique(pixels_of(field.lon, field.lat, nside)).tolist())
 
@@ -408,14 +408,14 @@ def _compute_block_errors(resampled, nside):
         formal = np.concatenate([vector.sigma for vector in vectors_of(resampled.solution).values()])
         variances = np.concatenate([np.diag(vector.covariance) for vector in vectors_of(resampled.quoted).values()])
     errors = np.sqrt(variances)
-    blocks = len(resampled.replicates)
+    n_blocks = len(resampled.replicates)
     ratio = float(np.sqrt(np.mean((errors / formal) ** 2)))
     # The ratio rests on six variances, each with B − 1 degrees of freedom.
-    return BlockErrors(nside, 58.6 / nside, blocks, ratio, ratio / np.sqrt(2 * 6 * (blocks - 1)), resampled)
+    return BlockErrors(nside, 58.6 / nside, n_blocks, ratio, ratio / np.sqrt(2 * 6 * (n_blocks - 1)), resampled)
 
 
-def _has_grown(row, later):
-    return later.ratio - row.ratio > 3 * np.hypot(row.ratio_error, later.ratio_error)
+def _has_grown(row, larger):
+    return larger.ratio - row.ratio > 3 * np.hypot(row.ratio_error, larger.ratio_error)
 
 
 def _format_advice(rows, best):

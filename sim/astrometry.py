@@ -169,7 +169,7 @@ def solve_astrometry(
     errors = np.einsum("nij,nj->ni", inverse, rhs)
     covariance = inverse * error[:, None, None] ** 2
     if quote_variability and variability is not None:
-        covariance = covariance + _variability_covariance(inverse, design, transits, variability, n)
+        covariance = covariance + _compute_variability_covariance(inverse, design, transits, variability, n)
     return Astrometry(errors, covariance, counts)
 
 
@@ -191,11 +191,11 @@ def expected_solution_covariances(
     true = formal + attitude**2 * inverse
     if variability is not None and variability.sigma > 0:
         design = design_row(transits.angle, transits.parallax_factor, transits.time - years / 2)
-        true = true + _variability_covariance(inverse, design, transits, variability, len(error))
+        true = true + _compute_variability_covariance(inverse, design, transits, variability, len(error))
     return formal, true
 
 
-def _variability_covariance(inverse, design, transits, variability, n):
+def _compute_variability_covariance(inverse, design, transits, variability, n):
     """A⁺ C A⁺ᵀ of every source, C the covariance of its variability at its transits."""
     covariances = np.zeros((n, 5, 5))
     bounds = np.searchsorted(transits.source, np.arange(n + 1))

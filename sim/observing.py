@@ -112,11 +112,11 @@ def observe(
     if mission is not None:
         if sigma is not None or np.any(rho != 0.0):
             raise ParameterError("a mission gives the errors and their correlation: sigma= and rho= are without one")
-        errors, covariance, keep, notes = _solve_mission_sources(
+        errors, covariance, is_kept, notes = _solve_mission_sources(
             population, rng, as_mission(mission, release), variability, excess_noise, quote_variability, threads,
             progress, "motion",
         )  # fmt: skip
-        population, (sigma, rho) = population[keep], extract_errors(covariance)
+        population, (sigma, rho) = population[is_kept], extract_errors(covariance)
     else:
         if variability is not None or quote_variability or np.any(excess_noise != 0.0):
             raise ParameterError("variability and excess noise need a mission, at whose transits sources are displaced")
@@ -203,13 +203,13 @@ def observe_offsets(
     2
     """
     rng = generator(rng)
-    errors, covariance, keep, notes = _solve_mission_sources(
+    errors, covariance, is_kept, notes = _solve_mission_sources(
         population, rng, as_mission(mission, release), variability, 0.0, False, threads, progress, "position"
     )
-    error = arguments.float_array("radio", radio, (len(population),), broadcast=True)[keep]
+    error = arguments.float_array("radio", radio, (len(population),), broadcast=True)[is_kept]
     errors = errors + error * rng.standard_normal(errors.shape)
     covariance = covariance + error[:, None, None] ** 2 * np.eye(2)
-    return _make_field(population[keep], as_signal(signal), errors, notes, *extract_errors(covariance))
+    return _make_field(population[is_kept], as_signal(signal), errors, notes, *extract_errors(covariance))
 
 
 def _solve_mission_sources(population, rng, mission, variability, excess_noise, quote, threads, progress, kind):
@@ -238,12 +238,12 @@ def _solve_mission_sources(population, rng, mission, variability, excess_noise, 
         return solution.errors[:, columns].T, covariance, solution.solved, len(transits)
 
     block_results = mission.scanning_law.map_transits(solve_block, population.lon, population.lat, threads, progress)
-    of_errors, of_covariance, of_keep, counts = zip(*block_results, strict=True)
-    errors, covariance, keep = np.concatenate(of_errors, axis=1), np.concatenate(of_covariance), np.concatenate(of_keep)
+    all_errors, covariances, masks, counts = zip(*block_results, strict=True)
+    errors, covariance, is_kept = np.concatenate(all_errors, axis=1), np.concatenate(covariances), np.concatenate(masks)
     notes = [f"simulated: {sum(counts)} transits in {mission.years:g} years, errors of {mission.release}"]
-    if not keep.all():
-        notes.append(f"left out {(~keep).sum()} of {len(keep)} sources: too few transits for five parameters")
-    return errors[:, keep], covariance[keep], keep, notes
+    if not is_kept.all():
+        notes.append(f"left out {(~is_kept).sum()} of {len(is_kept)} sources: too few transits for five parameters")
+    return errors[:, is_kept], covariance[is_kept], is_kept, notes
 
 
 def _solve_jointly(population, rng, mission, variability, excess_noise, quote, threads, progress, columns):
@@ -264,11 +264,11 @@ def _solve_jointly(population, rng, mission, variability, excess_noise, quote, t
         threads=threads,
         progress=progress,
     )
-    keep = solution.solved
+    is_kept = solution.solved
     note = f"simulated: {len(system.scans)} transits in {mission.years:g} years, errors of {mission.release}"
     # What a field of the solution says of itself.
     notes = [note, *notes, *solution.field().notes]
-    return solution.sources[keep][:, columns].T, solution.formal[keep][:, columns, columns], keep, notes
+    return solution.sources[is_kept][:, columns].T, solution.formal[is_kept][:, columns, columns], is_kept, notes
 
 
 def _make_field(population, signal, errors, notes, sigma, rho):

@@ -453,9 +453,9 @@ def clustered_galaxies(
         r = np.linalg.norm(positions, axis=0)
         z = compute_redshift(r / h)
         g = distance_modulus(r / h, z) + rng.normal(_ABSOLUTE_MAGNITUDE, _SPREAD, 2 * n)
-        keep = (r > min_distance) & (r < max_distance) & (g < _MAX_MAGNITUDE)
+        is_visible = (r > min_distance) & (r < max_distance) & (g < _MAX_MAGNITUDE)
         for chunks, candidates in zip(columns, (*angles(positions), g, z), strict=True):
-            chunks.append(candidates[keep])
+            chunks.append(candidates[is_visible])
     lon, lat, magnitude, redshift = (np.concatenate(column)[:n] for column in columns)
     return Population(lon, lat, magnitude, redshift), grid
 

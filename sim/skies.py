@@ -52,9 +52,9 @@ def sky_map(sky: str) -> tuple[FloatArray, str]:
     """
     density_makers = {
         "uniform": lambda: np.ones(12 * NSIDE**2),
-        "plane-avoiding": lambda: (np.abs(_galactic_pixel_centres()[1]) > 15).astype(float),
-        "gums": _gums_density,
-        "igql": _igql_density,
+        "plane-avoiding": lambda: (np.abs(_find_galactic_pixel_centres()[1]) > 15).astype(float),
+        "gums": _make_gums_density,
+        "igql": _make_igql_density,
     }
     if not isinstance(sky, str) or sky not in density_makers:
         raise ParameterError(f"unknown sky {sky!r}: choose one of {', '.join(density_makers)}, or give a HEALPix map")
@@ -70,15 +70,15 @@ def draw_positions(
     return angles(rotation_matrix(frame, "icrs") @ triad(lon, lat)[2])
 
 
-def _gums_density():
+def _make_gums_density():
     edge, swing, scale = GUMS_PLANE
-    l, b = _galactic_pixel_centres()
+    l, b = _find_galactic_pixel_centres()
     return 1 / (1 + np.exp(-(np.abs(b) - edge - swing * np.cos(np.radians(l))) / scale))
 
 
-def _igql_density():
+def _make_igql_density():
     """Fill the footprint of each survey evenly with its share of the sources."""
-    b = _galactic_pixel_centres()[1]
+    b = _find_galactic_pixel_centres()[1]
     ra, dec = np.degrees(angles(rotation_matrix("galactic", "icrs") @ triad(*centres(NSIDE))[2]))
     outside_plane = np.abs(b) > 15
     footprints = {
@@ -99,5 +99,5 @@ def _igql_density():
     return sum(share * footprints[name] / footprints[name].sum() for name, share in IGQL_SHARES.items())
 
 
-def _galactic_pixel_centres():
+def _find_galactic_pixel_centres():
     return np.degrees(centres(NSIDE))

@@ -56,7 +56,7 @@ def markov_chain(times: FloatArray, sigma: float, tau: float, rng: Rng, source: 
         raise ParameterError("the times of a chain must rise")
     correlation = np.where(is_start, 0.0, np.exp(-np.where(is_start, 0.0, interval) / tau))
     chain = sigma * np.sqrt(1 - correlation**2) * draws
-    for rows in _observations_by_rank(is_start):
+    for rows in _group_observations_by_rank(is_start):
         chain[rows] += correlation[rows] * chain[rows - 1]
     return chain
 
@@ -67,13 +67,13 @@ def chain_products(weights: FloatArray, source: IntArray, times: FloatArray, tau
     correlation = np.where(is_start, 0.0, np.exp(-np.where(is_start, 0.0, np.diff(times, prepend=0.0)) / tau))
     # What all earlier observations of a source amount to at each: one step of the chain after the other.
     earlier = np.zeros_like(weights)
-    for rows in _observations_by_rank(is_start):
+    for rows in _group_observations_by_rank(is_start):
         earlier[..., rows] = correlation[rows] * (earlier[..., rows - 1] + weights[..., rows - 1])
     cross_products = np.einsum("aik,bik->ab", weights, earlier)
     return np.einsum("aik,bik->ab", weights, weights) + cross_products + cross_products.T
 
 
-def _observations_by_rank(is_start):
+def _group_observations_by_rank(is_start):
     """Indices of all second observations of a source, then of all third ones, …: chains step together."""
     starts = np.flatnonzero(is_start)
     rank = np.arange(len(is_start)) - np.repeat(starts, np.diff(np.r_[starts, len(is_start)]))

@@ -130,7 +130,7 @@ def _hats(path, partition=None):
         (folder / "Npix=0.parquet").write_bytes((partition or path).read_bytes())
         told = path.read_bytes() if partition else b"obs_collection=x\ndataproduct_type=object\n"
         Path(place, "hats.properties").write_bytes(told)
-        return [field._with(notes=()) for field in catalogue.parts(place)]
+        return [field._derive(notes=()) for field in catalogue.parts(place)]
 
 
 def mutate(content, rng):

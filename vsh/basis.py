@@ -43,7 +43,7 @@ def toroidal_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArra
     turn_re, turn_im = cos_sin_multiples(lon, lmax)
     basis = np.empty((lmax * (lmax + 2), 2, lon.size))
     row = 0
-    for l, q, q_below in _legendre_over_cos(sin, cos, lmax):
+    for l, q, q_below in _compute_legendre_over_cos(sin, cos, lmax):
         m = np.arange(1, l + 1)[:, None]
         # A real field needs m ≥ 0 alone, counted twice: 2 (t^R Re T - t^I Im T).
         norm = 2 * (-1.0) ** m / np.sqrt(l * (l + 1))
@@ -76,7 +76,7 @@ def scalar_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArray:
         return basis
     turn_re, turn_im = cos_sin_multiples(lon, lmax)
     zonal, zonal_below = sin, np.ones_like(sin)  # P_l and P_l-1, not normalised
-    for l, q, _ in _legendre_over_cos(sin, cos, lmax):
+    for l, q, _ in _compute_legendre_over_cos(sin, cos, lmax):
         block = basis[l * l : (l + 1) ** 2]
         block[0] = np.sqrt((2 * l + 1) / (4 * np.pi)) * zonal
         norm = 2 * (-1.0) ** np.arange(1, l + 1)[:, None]
@@ -86,7 +86,7 @@ def scalar_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArray:
     return basis
 
 
-def _legendre_over_cos(sin, cos, lmax):
+def _compute_legendre_over_cos(sin, cos, lmax):
     """P̄_lm(sin δ) / cos δ degree by degree: yields l, its (l, n) array for m = 1 … l, and that of l - 1."""
     q_below, q = np.empty((0, sin.size)), np.full((1, sin.size), np.sqrt(3 / (8 * np.pi)))
     for l in range(1, lmax + 1):

@@ -55,9 +55,9 @@ class Classes(InNotebook):
         return len(self.labels)
 
     def __iter__(self) -> Iterator[tuple[str, BoolArray]]:
-        return zip(self.labels, self._masks())
+        return zip(self.labels, self._get_masks())
 
-    def _masks(self) -> BoolArray:
+    def _get_masks(self) -> BoolArray:
         if self.masks is None:
             raise ParameterError("these classes have no masks: .of(field) gives those of halves, values others")
         return self.masks
@@ -196,12 +196,12 @@ class Classes(InNotebook):
 
     def within(self, mask: BoolArray) -> Classes:
         """Restrict the classes to the sources of a `mask`, (n,)."""
-        return replace(self, masks=self._masks() & mask)
+        return replace(self, masks=self._get_masks() & mask)
 
     def of_at_least(self, n: int) -> Classes:
         """Select the classes that have `n` sources or more."""
-        is_large = self._masks().sum(1) >= n
-        return replace(self, labels=tuple(np.array(self.labels)[is_large].tolist()), masks=self._masks()[is_large])
+        is_large = self._get_masks().sum(1) >= n
+        return replace(self, labels=tuple(np.array(self.labels)[is_large].tolist()), masks=self._get_masks()[is_large])
 
     def split(self, sources: Field | Parts) -> list[Field] | list[Parts]:
         """The sources of each class, in memory or in parts; by masks in memory alone.

@@ -83,12 +83,12 @@ def field_arrays(
         if column in columns:
             values = np.where(missing[column], np.nan, columns[column])
             is_implausible = np.isfinite(values) & ~((values > lower) & (values < upper))
-            is_sentinel, told = np.isin(values, _NO_REDSHIFT if column == "redshift" else ()), ""
+            is_sentinel, tail = np.isin(values, _NO_REDSHIFT if column == "redshift" else ()), ""
             if is_sentinel.sum() > 2:
-                is_implausible, told = is_implausible | is_sentinel, " or exactly 9.99"
+                is_implausible, tail = is_implausible | is_sentinel, " or exactly 9.99"
             if is_implausible.any():
                 look_like_velocities = column == "redshift" and 2 * is_implausible.sum() > is_implausible.size
-                text = f"{is_implausible.sum()} values of {column} beyond {lower:g} … {upper:g}{told} taken as missing"
+                text = f"{is_implausible.sum()} values of {column} beyond {lower:g} … {upper:g}{tail} taken as missing"
                 notes = (*notes, CodedNote(f"{text}: {VELOCITIES}", NO_REDSHIFTS) if look_like_velocities else text)
             columns[column] = np.where(is_implausible | np.isinf(values), np.nan, values)
     if "redshift" in columns and "redshift_error" in columns:
@@ -101,12 +101,12 @@ def field_arrays(
         spans={"motion": bad_rows.joint_span(spans, _MOTIONS[:2], MAS),
                "sigma": bad_rows.joint_span(spans, _MOTIONS[2:], MAS)},
     )  # fmt: skip
-    keep, added_notes = bad_rows.select_usable(invalid, n, on_bad, first_row, (lon, lat), aside)
-    arrays = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
-    arrays |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
-    kept_spans = spans if isinstance(keep, slice) else None
-    row_numbers = bad_rows.row_numbers(np.arange(n), first_row)[keep]
-    doubts = bad_rows.doubtful_motion_notes({c: columns[c][keep] for c in ("pmra", "pmdec")}, kept_spans, row_numbers)
+    rows, added_notes = bad_rows.select_usable(invalid, n, on_bad, first_row, (lon, lat), aside)
+    arrays = {"lon": lon[rows], "lat": lat[rows], "motion": motion[:, rows], "sigma": sigma[:, rows], "rho": rho[rows]}
+    arrays |= {c: columns[c][rows] for c in (*MEASURED, "name") if c in columns}
+    kept_spans = spans if isinstance(rows, slice) else None
+    row_numbers = bad_rows.row_numbers(np.arange(n), first_row)[rows]
+    doubts = bad_rows.doubtful_motion_notes({c: columns[c][rows] for c in ("pmra", "pmdec")}, kept_spans, row_numbers)
     return arrays, (*notes, *doubts, *added_notes)
 
 
@@ -195,7 +195,7 @@ class SourcesWithErrors(Frozen):
             keep = [keep]
         if isinstance(keep, str):
             raise FieldError(f"sources are picked by a mask, a slice or indices; the column is field.{keep}")
-        return self._with(**{name: x[..., keep] for name, x in vars(self).items() if isinstance(x, np.ndarray)})
+        return self._derive(**{name: x[..., keep] for name, x in vars(self).items() if isinstance(x, np.ndarray)})
 
     def select(self, which: Any) -> Self:
         """The sources of a mask, or of these names.
@@ -243,9 +243,9 @@ class SourcesWithErrors(Frozen):
 
     def add_note(self, *notes: str) -> Self:
         """Add notes that its reader should know."""
-        return self._with(notes=merge_notes((*self.notes, *notes))) if notes else self
+        return self._derive(notes=merge_notes((*self.notes, *notes))) if notes else self
 
-    def _with(self, **changes: Any) -> Self:
+    def _derive(self, **changes: Any) -> Self:
         """A field derived from this one, which has been checked already."""
         field = object.__new__(type(self))
         field._set(**{**vars(self), **changes})
@@ -533,32 +533,32 @@ class Field(Equal, SourcesWithErrors):
     @property
     def ra(self) -> FloatArray:
         """Right ascension of each source, (n,). [deg]"""
-        return self._icrs_values("ra", self.lon / DEGREE)
+        return self._check_icrs_values("ra", self.lon / DEGREE)
 
     @property
     def dec(self) -> FloatArray:
         """Declination of each source, (n,). [deg]"""
-        return self._icrs_values("dec", self.lat / DEGREE)
+        return self._check_icrs_values("dec", self.lat / DEGREE)
 
     @property
     def pmra(self) -> FloatArray:
         """Proper motion µ_α* of each source, cos δ included, (n,). [mas/yr]"""
-        return self._icrs_values("pmra", self.motion[0] / MAS)
+        return self._check_icrs_values("pmra", self.motion[0] / MAS)
 
     @property
     def pmdec(self) -> FloatArray:
         """Proper motion µ_δ of each source, (n,). [mas/yr]"""
-        return self._icrs_values("pmdec", self.motion[1] / MAS)
+        return self._check_icrs_values("pmdec", self.motion[1] / MAS)
 
     @property
     def pmra_error(self) -> FloatArray:
         """Standard error of µ_α* of each source, (n,). [mas/yr]"""
-        return self._icrs_values("pmra_error", self.sigma[0] / MAS)
+        return self._check_icrs_values("pmra_error", self.sigma[0] / MAS)
 
     @property
     def pmdec_error(self) -> FloatArray:
         """Standard error of µ_δ of each source, (n,). [mas/yr]"""
-        return self._icrs_values("pmdec_error", self.sigma[1] / MAS)
+        return self._check_icrs_values("pmdec_error", self.sigma[1] / MAS)
 
     @property
     def z(self) -> FloatArray | None:
@@ -574,7 +574,7 @@ class Field(Equal, SourcesWithErrors):
         """Return whether a source has this name."""
         return self.name is not None and bool(np.any(self.name == name))
 
-    def _icrs_values(self, name, values):
+    def _check_icrs_values(self, name, values):
         if self.frame != "icrs":
             raise FrameError(f'{name} is of ICRS axes, and this field has {self.frame} ones: use .to_frame("icrs")')
         return read_only(np.asarray(values))
@@ -674,11 +674,11 @@ class Field(Equal, SourcesWithErrors):
 
     def __add__(self, other: Field) -> Field:
         """The sources of both, one after the other, in one frame; what one does not know of its sources is missing."""
-        return self._with(**concatenate_columns(self, other)) if isinstance(other, Field) else NotImplemented
+        return self._derive(**concatenate_columns(self, other)) if isinstance(other, Field) else NotImplemented
 
     def minus(self, model: ArrayLike) -> Field:
         """Subtract the motions of a model, `model` (2, n) [µas/yr]."""
-        return self._with(motion=self.motion - float_array("model", model, self.motion.shape, broadcast=True))
+        return self._derive(motion=self.motion - float_array("model", model, self.motion.shape, broadcast=True))
 
     def corrected(self, correction: Any) -> Field:
         """Subtract motions that are not the sources': those of a frame that turns, as published or as a fit found.
@@ -721,7 +721,7 @@ class Field(Equal, SourcesWithErrors):
         shapes: dict[str, tuple[int, ...]] = {"sigma": (2, len(self)), "rho": (len(self),)}
         bad_rows.check_shapes({"sigma": sigma, "rho": rho}, shapes.__getitem__)
         bad_rows.select_usable(bad_rows.find_bad_rows(self.lon, self.lat, self.motion, sigma, rho), len(self))
-        return self._with(sigma=sigma, rho=rho)
+        return self._derive(sigma=sigma, rho=rho)
 
     def to_frame(self, name: str) -> Field:
         """Turn positions, motions and covariances to the frame `name` (icrs, galactic, ecliptic)."""
@@ -729,7 +729,7 @@ class Field(Equal, SourcesWithErrors):
             return self
         matrix = rotation_matrix(self.frame, name)
         lon, lat, motion, sigma, rho = rotate_motions(matrix, self.lon, self.lat, self.motion, self.sigma, self.rho)
-        return self._with(lon=lon, lat=lat, motion=motion, sigma=sigma, rho=rho, frame=name)
+        return self._derive(lon=lon, lat=lat, motion=motion, sigma=sigma, rho=rho, frame=name)
 
     def _table(self):
         """A field in Gaia's names: columns, their units, and plain facts."""

@@ -214,7 +214,7 @@ class _Profile:
         The largest over the direction that fits best and a few that the data allow as well.
         """
         nearest, observed = self._find_nearest(self.value[:, None, None], lengths)
-        tails = self._tails_at(nearest, self.noise, lengths, observed)
+        tails = self._get_tails(nearest, self.noise, lengths, observed)
         noise = self.noise[:, None, :: _POINTS // _DIRECTIONS]
         shifts = _SHIFT * self.unequal * np.clip((_FAR - lengths) / (_FAR - _NEAR), 0.0, 1.0)
         shifted = shifts > 0
@@ -223,11 +223,11 @@ class _Profile:
         vectors, _ = self._find_nearest(self.value[:, None, None] + shifts[shifted, None] * noise, lengths[shifted])
         fewer = self.noise[:, 1 :: _POINTS // _FEWER_POINTS]
         for k in range(vectors.shape[2]):
-            direction_tails = self._tails_at(vectors[:, :, k : k + 1], fewer, lengths[shifted], observed[shifted])
+            direction_tails = self._get_tails(vectors[:, :, k : k + 1], fewer, lengths[shifted], observed[shifted])
             tails[shifted] = np.maximum(tails[shifted], direction_tails)
         return tails
 
-    def _tails_at(self, truth: FloatArray, noise: FloatArray, lengths: FloatArray, observed: FloatArray) -> FloatArray:
+    def _get_tails(self, truth: FloatArray, noise: FloatArray, lengths: FloatArray, observed: FloatArray) -> FloatArray:
         """Compute tail probabilities for given true vectors, (k, m, 1), and points of the noise, (k, n)."""
         _, profile = self._find_nearest(truth + noise[:, None, :], lengths)
         if np.isinf(self.dof):

@@ -202,16 +202,16 @@ class ScalarField(SourcesWithErrors):
             ("values", values, unit),
             ("errors", errors, unit),
         ):
-            columns[column], missing[column] = as_floats(column, _as_quantity(array), column_unit)
+            columns[column], missing[column] = as_floats(column, _convert_to_quantity(array), column_unit)
         if name is not None:
             columns["name"] = np.asarray(name)
         check_shapes(columns, lambda column: (columns["ra"].size,))
         lon, lat = columns["ra"] * DEGREE, columns["dec"] * DEGREE
         missing_rows = {f"{column} missing": mask for column, mask in missing.items()}
         invalid = _find_invalid_rows(lon, lat, columns["values"], columns["errors"], missing_rows, turns=1)
-        keep, added_notes = select_usable(invalid, lon.size, on_bad, mark=(lon, lat))
-        names = columns["name"][keep] if name is not None else None
-        lon, lat, numbers, sigma = (column[keep] for column in (lon, lat, columns["values"], columns["errors"]))
+        rows, added_notes = select_usable(invalid, lon.size, on_bad, mark=(lon, lat))
+        names = columns["name"][rows] if name is not None else None
+        lon, lat, numbers, sigma = (column[rows] for column in (lon, lat, columns["values"], columns["errors"]))
         return cls(lon, lat, numbers, sigma, unit, names, frame, (*notes, *added_notes))
 
     @classmethod
@@ -314,7 +314,7 @@ class ScalarField(SourcesWithErrors):
 
     def minus(self, model: ArrayLike) -> ScalarField:
         """Subtract the values of a model, `model` (n,) in `unit`."""
-        return self._with(values=self.values - float_array("model", model, self.values.shape, broadcast=True))
+        return self._derive(values=self.values - float_array("model", model, self.values.shape, broadcast=True))
 
     def with_errors(self, sigma: ArrayLike) -> ScalarField:
         """Replace the standard errors `sigma`, (n,). [`unit`]"""
@@ -325,14 +325,14 @@ class ScalarField(SourcesWithErrors):
         if check_frame(name) == self.frame:
             return self
         lon, lat = angles(rotation_matrix(self.frame, name) @ triad(self.lon, self.lat)[2])
-        return self._with(lon=lon, lat=lat, frame=name)
+        return self._derive(lon=lon, lat=lat, frame=name)
 
 
 def _find_invalid_rows(lon, lat, values, sigma, further=None, turns=2):
     return find_bad_rows(lon, lat, values[None], sigma[None], np.zeros(lon.shape), further, turns=turns, what="value")
 
 
-def _as_quantity(column):
+def _convert_to_quantity(column):
     """A column of a table as a Quantity, where it has a unit."""
     return column.quantity if getattr(column, "unit", None) is not None and hasattr(column, "quantity") else column
 

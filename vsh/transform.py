@@ -48,7 +48,7 @@ def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike) -> Flo
     FieldError
         If positions are not finite, differ in number, or lie beyond a pole.
     """
-    return _synthesize_field(coefficients, _locations(lon, lat), EPSILON)
+    return _synthesize_field(coefficients, _make_locations(lon, lat), EPSILON)
 
 
 @arguments.accepts(lon=arguments.float_array, lat=arguments.float_array, motion=arguments.float_array)
@@ -87,7 +87,7 @@ def adjoint(
     >>> bool(g[0] > 0.3), bool(abs(g[1:]).max() < 1e-12)
     (True, True)
     """
-    loc, modes = _locations(lon, lat), as_modes(modes, None)
+    loc, modes = _make_locations(lon, lat), as_modes(modes, None)
     motion = np.asarray(motion, float)
     if motion.shape != (modes.components, len(loc)):
         raise FieldError(f"motion has shape {motion.shape}, expected {(modes.components, len(loc))}")
@@ -105,7 +105,7 @@ def project_response(
 
     `response` takes and gives an array of shape (2, n), or (1, n) of scalars; `epsilon` is the relative accuracy.
     """
-    loc, modes = _locations(lon, lat), coefficients.modes
+    loc, modes = _make_locations(lon, lat), coefficients.modes
     field = np.atleast_2d(_synthesize_field(coefficients, loc, epsilon))
     return _sum_by_mode(modes, loc, response(field), epsilon, None)
 
@@ -161,7 +161,7 @@ def fourier_moments(
     return pairs.reshape(-1, *moments.shape[1:])[: len(planes)]
 
 
-def _locations(lon, lat):
+def _make_locations(lon, lat):
     """Colatitude and longitude within the ranges that ducc0 knows, (n, 2)."""
     lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))
     if lon.ndim != 1 or lon.shape != lat.shape:

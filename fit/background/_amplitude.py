@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from scipy.special import gammaln
 
-from fit.background._likelihood import Likelihood, Maximum, find_span, gauss_nodes, squared_scale_nodes
+from fit.background._likelihood import Likelihood, Maximum, find_span, make_gauss_nodes, make_squared_scale_nodes
 from vsh.tools.arguments import between, choice, positive
 from vsh.tools.notebook import Frozen
 from vsh.tools.parallel import limit_blas
@@ -25,7 +25,7 @@ Prior: TypeAlias = Literal["flat", "root", "log"]
 _POWERS = {"flat": 1, "root": 0, "log": -1}
 
 
-def cumulative_integral(y: FloatArray, x: FloatArray) -> FloatArray:
+def integrate_cumulatively(y: FloatArray, x: FloatArray) -> FloatArray:
     """The integral of y from x[0] to each x."""
     return np.concatenate([[0.0], np.cumsum((y[1:] + y[:-1]) / 2 * np.diff(x))])
 
@@ -71,13 +71,13 @@ class Amplitude(Frozen):
         lowest : float, optional
             Where a prior flat in ln A begins; a millionth of the largest A unless given.
         """
-        root, share = self._cumulative_probability(prior, lowest)
+        root, share = self._integrate_posterior(prior, lowest)
         return float(np.interp(between("probability", probability, 0, 1), share, root) ** 2)
 
     def mean(self, prior: Prior = "flat") -> float:
         """The mean amplitude, with the `prior` of `quantile`."""
-        root, density = self._posterior_density(prior)
-        return float(cumulative_integral(density * root**2, root)[-1] / cumulative_integral(density, root)[-1])
+        root, density = self._compute_posterior_density(prior)
+        return float(integrate_cumulatively(density * root**2, root)[-1] / integrate_cumulatively(density, root)[-1])
 
     def interval(self, probability: float = 0.68, prior: Prior = "flat") -> tuple[float, float]:
         """The likeliest amplitudes that hold the true one with `probability`, with the `prior` of `quantile`.
@@ -87,7 +87,7 @@ class Amplitude(Frozen):
         tuple of two floats
             Lower and upper limit of A.
         """
-        root, density = self._posterior_density(prior)
+        root, density = self._compute_posterior_density(prior)
         fine_root = np.linspace(root[0], root[-1], 8 * len(root))
         density = np.interp(fine_root, root, density)
         order = np.argsort(-self.likelihood(fine_root**2), kind="stable")
@@ -95,13 +95,13 @@ class Amplitude(Frozen):
         inside = order[: np.searchsorted(share, between("probability", probability, 0, 1)) + 1]
         return float(fine_root[inside.min()] ** 2), float(fine_root[inside.max()] ** 2)
 
-    def _cumulative_probability(self, prior, lowest=None):
+    def _integrate_posterior(self, prior, lowest=None):
         """√A and the probability below it."""
-        root, density = self._posterior_density(prior, lowest)
-        share = cumulative_integral(density, root)
+        root, density = self._compute_posterior_density(prior, lowest)
+        share = integrate_cumulatively(density, root)
         return root, share / share[-1]
 
-    def _posterior_density(self, prior, lowest=None):
+    def _compute_posterior_density(self, prior, lowest=None):
         """√A and the density of the posterior in it, not normalised."""
         power = _POWERS[choice("prior", prior, tuple(_POWERS))]
         root, density = self.root, np.exp(self.log_likelihood)
@@ -115,7 +115,7 @@ class Amplitude(Frozen):
 _N_ROOTS = 401
 
 
-def posteriors(
+def compute_posteriors(
     likelihood: Likelihood, best: Maximum, amplitude_numbers: Sequence[int] | None = None
 ) -> tuple[list[Amplitude], float]:
     """Posterior of each amplitude, all others marginalised, and ln of the evidence relative to no background.
@@ -136,19 +136,19 @@ class _Grid:
 
     def __init__(self, likelihood: Likelihood, best: Maximum) -> None:
         self.likelihood, self.best = likelihood, best
-        self.taus, self.weights = squared_scale_nodes(likelihood, best)
+        self.taus, self.weights = make_squared_scale_nodes(likelihood, best)
         self.spans = [find_span(likelihood, best, k) for k in range(len(likelihood))]
         self.interpolate = likelihood.make_interpolator(self.spans, self.taus)
 
     def marginalise(self, k: int) -> tuple[Amplitude, float]:
         """Amplitude k with all others marginalised, and the evidence."""
-        nodes = {k: self._unit(k) * np.sinh(np.linspace(self._ends(k)[0], self._ends(k)[1], _N_ROOTS))}
+        nodes = {k: self._find_unit(k) * np.sinh(np.linspace(self._find_ends(k)[0], self._find_ends(k)[1], _N_ROOTS))}
         order = [k, *(j for j in range(len(self.spans)) if j != k)]
         weights = []
         for j in order[1:]:
-            y, weight = gauss_nodes(24, *self._ends(j))
-            nodes[j] = self._unit(j) * np.sinh(y)
-            weights.append(weight * self._unit(j) * np.cosh(y) * self._shrinkage_prior(j, nodes[j]))
+            y, weight = make_gauss_nodes(24, *self._find_ends(j))
+            nodes[j] = self._find_unit(j) * np.sinh(y)
+            weights.append(weight * self._find_unit(j) * np.cosh(y) * self._compute_shrinkage_prior(j, nodes[j]))
         log_likelihoods = []
         for tau, weight in zip(self.taus, self.weights, strict=True):
             logdet, gain = self.interpolate([nodes[j] / np.sqrt(tau) for j in sorted(nodes)])
@@ -159,25 +159,25 @@ class _Grid:
         marginal = reduce(np.matmul, reversed(weights), likelihood)
         root = nodes[k]
         evidence = (
-            float(np.log(cumulative_integral(marginal * self._shrinkage_prior(k, root), root)[-1]) + highest)
-            - self._log_evidence_of_none()
+            float(np.log(integrate_cumulatively(marginal * self._compute_shrinkage_prior(k, root), root)[-1]) + highest)
+            - self._compute_log_evidence_of_none()
         )
         log_likelihood = np.log(marginal + 1e-300)
         return Amplitude(root, log_likelihood - log_likelihood.max()), evidence
 
-    def _unit(self, k):
+    def _find_unit(self, k):
         """√A of the amplitude that is seen at one standard error."""
         return np.sqrt(self.likelihood.unit[k]) * self.best.noise_scale
 
-    def _ends(self, k):
+    def _find_ends(self, k):
         """The span by y = arsinh √(A/u), which resolves what is next to zero and what is far from it."""
-        return np.arcsinh(np.array(self.spans[k]) / self._unit(k))
+        return np.arcsinh(np.array(self.spans[k]) / self._find_unit(k))
 
-    def _shrinkage_prior(self, k, root):
-        u = self._unit(k) ** 2
+    def _compute_shrinkage_prior(self, k, root):
+        u = self._find_unit(k) ** 2
         return 2 * root * u / (u + root**2) ** 2
 
-    def _log_evidence_of_none(self):
+    def _compute_log_evidence_of_none(self):
         """ln of the likelihood of no background, summed over κ alike."""
         if not self.likelihood.noise_scale:
             return float(self.likelihood.combine(0.0, 0.0, 1.0))

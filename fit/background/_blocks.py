@@ -143,7 +143,7 @@ def reduce_class_equations(
     return _eliminate_free(matrix, rhs, mask, message, (float(np.sqrt(tau)),), (condition,), free)
 
 
-def parities(modes: Modes) -> IntArray:
+def map_parities(modes: Modes) -> IntArray:
     """0 for the parity of a spin (T of odd degrees, S of even ones), 1 for that of a glide; 0 of all scalar modes."""
     if modes.components == 1:
         return np.zeros(len(modes), int)
@@ -156,7 +156,7 @@ class ClassLikelihood:
 
     def __init__(self, classes: ClassEquations, modes: Modes, variances: FloatArray, own: str) -> None:
         is_free, is_high = classes.free, ~classes.free
-        group = parities(modes)
+        group = map_parities(modes)
         self.n_groups = n_groups = int(group.max()) + 1
         self.classes, self.own = classes, own
         self.n_classes, self.n_modes = len(classes), int(is_high.sum())
@@ -225,7 +225,7 @@ class ClassLikelihood:
             for k, (class_i, class_j) in enumerate(zip(i, j, strict=True)):
                 gram[:, class_i, rows, class_j, columns] = products[:, k]
 
-    def _factors(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _compute_factors(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """R by class and mode, (n, K, K, q), and Λ with w as a row below it, (n, K q + 1, K q + 1), of draws (n, d).
 
         Above the diagonal of Λ stands anything.
@@ -247,7 +247,7 @@ class ClassLikelihood:
 
     def factor(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """R by class and mode, Λ (its lower triangle), and w, for one x."""
-        (r,), (lower,) = self._factors(x[None])
+        (r,), (lower,) = self._compute_factors(x[None])
         return r, lower[:-1, :-1], lower[-1, :-1]
 
     def log_likelihoods(self, x: FloatArray) -> FloatArray:
@@ -255,7 +255,7 @@ class ClassLikelihood:
         chunk_size = max(1, _CHUNK_NUMBERS // (self.n_classes * self.size) ** 2)
         log_likelihoods = []
         for start in range(0, len(x), chunk_size):
-            _, lower = self._factors(x[start : start + chunk_size])
+            _, lower = self._compute_factors(x[start : start + chunk_size])
             w, diagonal = lower[:, -1, :-1], np.einsum("nii->ni", lower)[:, :-1]
             log_likelihoods.append(np.einsum("ni,ni->n", w, w) / 2 - np.log(diagonal).sum(1))
         return np.concatenate(log_likelihoods)

@@ -7,14 +7,14 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.special import softmax
 
-from fit.background._amplitude import posteriors
+from fit.background._amplitude import compute_posteriors
 from fit.background._likelihood import (
     Likelihood,
     check_degrees,
+    compute_parity_p_value,
     equations_of,
-    error_source_of,
+    find_error_source,
     format_degrees,
-    parity_p_value,
     should_fit_scale,
 )
 from fit.normal import NormalEquations, gaussian_prior
@@ -55,7 +55,7 @@ _ODDS = {"gaia": 3.0, "steep": 0.5}
 _STEEP_HIGHEST = 12
 
 
-def usual_shapes(highest: int) -> tuple[str, ...]:
+def list_shapes(highest: int) -> tuple[str, ...]:
     """Default spectra to average over: degrees beyond 12 determine the slope, so that "steep" is left out."""
     return tuple(SHAPES) if highest <= _STEEP_HIGHEST else ("flat", "gaia")
 
@@ -88,12 +88,12 @@ class FloorOfKind(Result):
     _remark: ClassVar[str] = ""
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self._words()}, from degrees {format_degrees(self.degrees)}>"
+        return f"<{type(self).__name__}: {self._spell()}, from degrees {format_degrees(self.degrees)}>"
 
     @property
     def errors(self) -> dict[str, float]:
         """The floor in each component of what stands in the low degrees, by its name. [`unit`]"""
-        spectra = [part._spectrum_of(*part.mean) if part.mean else part.spectrum for part in self._by_shape]
+        spectra = [part._make_spectrum(*part.mean) if part.mean else part.spectrum for part in self._by_shape]
         weights = self.probability or (1.0,)  # the variance of a mixture is the mean of those of the shapes
         return {
             name: float(np.sqrt(np.dot(weights, [getattr(spectrum, f"{name}_error") ** 2 for spectrum in spectra])))
@@ -110,9 +110,9 @@ class FloorOfKind(Result):
         """Estimated spectrum with the median powers; of several shapes the most probable."""
         if self.parts:
             return self.parts[int(np.argmax(self.probability))].spectrum
-        return self._spectrum_of(*(value for value, *_ in self.powers.values()))
+        return self._make_spectrum(*(value for value, *_ in self.powers.values()))
 
-    def _spectrum_of(self, *powers):
+    def _make_spectrum(self, *powers):
         """The spectrum with some powers, in the shape of this floor."""
         raise NotImplementedError
 
@@ -120,7 +120,7 @@ class FloorOfKind(Result):
     def _by_shape(self):
         return self.parts or (self,)
 
-    def _words(self, digits=3):
+    def _spell(self, digits=3):
         """The errors as a reader sees them: "spin ± 1.23, acceleration ± 0.8 µas/yr"."""
         errors = ", ".join(f"{name} ± {error:.{digits}g}" for name, error in self.errors.items())
         return f"{errors} {self.unit}".rstrip()
@@ -129,9 +129,9 @@ class FloorOfKind(Result):
         n_sources = self.n_data // self._shapes["flat"].mode_class.components
         gain = f"ln L exceeds that without systematic errors by {self.log_likelihood:.2f}"
         facts = [("estimated from", f"the power of degrees {format_degrees(self.degrees)} of {n_sources} sources")]
-        facts.append(self._likelihood_fact(gain))
+        facts.append(self._make_likelihood_fact(gain))
         facts += [
-            (f"spectrum {part.shape}", f"{100 * p:.0f} %: {part._words()}")
+            (f"spectrum {part.shape}", f"{100 * p:.0f} %: {part._spell()}")
             for part, p in zip(self.parts, self.probability, strict=True)
         ]
         if self.noise_scale != 1:
@@ -144,7 +144,7 @@ class FloorOfKind(Result):
         )
         return (Section("Systematic floor", facts, self.to_table(), remarks=[remark]),)
 
-    def _likelihood_fact(self, gain):
+    def _make_likelihood_fact(self, gain):
         """Line of the report on the likelihood."""
         return ("likelihood", gain)
 
@@ -215,7 +215,7 @@ class FloorOfKind(Result):
         except DegeneracyError:  # that the prior alone mends
             plain = formal = None
         changes = {"without_prior": plain, "formal_covariance": formal, "notes": (*solution.notes, note)}
-        return self._with_floor(solution, covariance, chi2=solution.chi2 * tau, **changes)
+        return self._add_floor(solution, covariance, chi2=solution.chi2 * tau, **changes)
 
     def _average_over_shapes(self, solve, normal):
         """The mean over the shapes, its covariance with their scatter."""
@@ -231,13 +231,13 @@ class FloorOfKind(Result):
             f"{shape_floor.shape} {100 * p:.0f} %" for shape_floor, p in zip(self.parts, weights, strict=True)
         )
         coefficients = replace(best_solution.coefficients, values=mean)
-        return self._with_floor(best_solution, covariance, f" (spectra: {shares})", coefficients=coefficients)
+        return self._add_floor(best_solution, covariance, f" (spectra: {shares})", coefficients=coefficients)
 
-    def _with_floor(self, solution, covariance, spectra="", **changes):
+    def _add_floor(self, solution, covariance, spectra="", **changes):
         """A solution with a covariance that has this floor in it, and what is to be said of that."""
         scale = "" if self.noise_scale == 1 else f" times {self.noise_scale:.4g}"
         degrees = f"degrees {format_degrees(self.degrees)}{spectra}"
-        text = f"{self.errors_from}{scale}, with the systematic floor from {degrees}: {self._words()} in each component"
+        text = f"{self.errors_from}{scale}, with the systematic floor from {degrees}: {self._spell()} in each component"
         # Those of the catalogue are scaled already.
         source = ErrorSource.SCALED if self.error_source == ErrorSource.CATALOGUE else self.error_source
         changes |= {"errors_from": text, "error_source": source, "includes_floor": True, "floor": self}
@@ -309,12 +309,12 @@ class Floor(FloorOfKind):
     @property
     def spin_interval(self) -> tuple[float, float]:
         """68 % interval of the floor of the spin; an average over shapes, of mean powers, may be above. [µas/yr]"""
-        return self._interval("odd", "spin_error")
+        return self._average_interval("odd", "spin_error")
 
     @property
     def acceleration_interval(self) -> tuple[float, float]:
         """The likeliest 68 % of the acceleration's floor; an average, of the mean power, may lie above. [µas/yr]"""
-        return self._interval("even", "acceleration_error")
+        return self._average_interval("even", "acceleration_error")
 
     @property
     def bands(self) -> list[tuple[str, int, float, float]]:
@@ -323,20 +323,20 @@ class Floor(FloorOfKind):
         pairs = (("T", self.spin_interval), ("S", self.acceleration_interval))
         return [(kind, 1, *(8 * np.pi * np.square(interval)).tolist()) for kind, interval in pairs]
 
-    def _interval(self, parity, error_name):
+    def _average_interval(self, parity, error_name):
         """Ends of the 68 % intervals of the shapes, as degree 1 has them, averaged by probability."""
         ends = []
         for shape_floor in self._by_shape:
-            unit_error = getattr(shape_floor._spectrum_of(1.0, 1.0), error_name)
+            unit_error = getattr(shape_floor._make_spectrum(1.0, 1.0), error_name)
             ends.append([unit_error * np.sqrt(end) for end in getattr(shape_floor, f"{parity}_interval")])
         lower, upper = np.asarray(self.probability or (1.0,)) @ np.array(ends)
         return float(lower), float(upper)
 
-    def _spectrum_of(self, odd, even):
+    def _make_spectrum(self, odd, even):
         shape = SHAPES[self.shape]
         return odd * shape.only("odd") + even * shape.only("even")
 
-    def _likelihood_fact(self, gain):
+    def _make_likelihood_fact(self, gain):
         return ("parities", f"p = {self.parity_p_value:.3g} that both parities have equal power ({gain})")
 
     def _meta(self):
@@ -389,7 +389,7 @@ class ScalarFloor(FloorOfKind):
         ends = np.tensordot(self.probability or (1.0,), powers, 1)
         return [("F", l, float(ends[0, l]), float(ends[1, l])) for l in (0, 1)]
 
-    def _spectrum_of(self, power):
+    def _make_spectrum(self, power):
         return power * SCALAR_SHAPES[self.shape]
 
     def added(self, modes: Modes) -> FloatArray:
@@ -483,13 +483,13 @@ def floor(
             f"degree {degrees[0]} holds the {' and the '.join(kind._parameters)}: a floor is estimated from degrees "
             "above 1"
         )
-    shape_names = [shapes] if isinstance(shapes, str) else list(usual_shapes(degrees[-1]) if shapes is None else shapes)
+    shape_names = [shapes] if isinstance(shapes, str) else list(list_shapes(degrees[-1]) if shapes is None else shapes)
     if not shape_names or not all(isinstance(shape, str) and shape in SHAPES for shape in shape_names):
         raise ParameterError(f"shapes of the spectrum are {', '.join(map(repr, SHAPES))}, not {shapes!r}")
     free_degrees = tuple(l for l in range(modes.lowest, modes.lmax + 1) if l not in degrees)
     fit_scale = should_fit_scale(normal, noise_scale)
     estimates = [
-        _estimate_for_shape(kind, shape, equations, degrees, free_degrees, fit_scale, error_source_of(normal))
+        _estimate_for_shape(kind, shape, equations, degrees, free_degrees, fit_scale, find_error_source(normal))
         for shape in shape_names
     ]
     floors, evidences = zip(*estimates, strict=True)
@@ -505,13 +505,13 @@ def _estimate_for_shape(kind, name, equations, degrees, free_degrees, fit_scale,
     spectra = [shape.only("odd"), shape.only("even")] if kind is Floor else [shape]
     likelihood = Likelihood(equations, spectra, degrees, free_degrees, fit_scale)
     best = likelihood.maximum()
-    amplitudes, evidence = posteriors(likelihood, best)
+    amplitudes, evidence = compute_posteriors(likelihood, best)
     powers: dict[str, Any] = {}
     for power, amplitude in zip(kind._powers, amplitudes, strict=True):
         powers |= {power: amplitude.quantile(0.5, "root"), f"{power}_interval": amplitude.interval(0.68, "root")}
     if kind is Floor:  # beside one power for both parities
         common = Likelihood(equations, [shape], degrees, free_degrees, fit_scale).maximum()
-        powers["parity_p_value"] = parity_p_value(best.log_likelihood, common.log_likelihood)
+        powers["parity_p_value"] = compute_parity_p_value(best.log_likelihood, common.log_likelihood)
     estimate = kind(
         **powers,
         degrees=degrees,

@@ -40,7 +40,7 @@ _DROP = 18.0
 OnTensor: TypeAlias = Callable[[list[FloatArray]], FloatArray]
 
 
-def logdet_gain_of_variances(matrix: FloatArray, rhs: FloatArray, variances: FloatArray) -> tuple[float, float]:
+def compute_logdet_and_gain(matrix: FloatArray, rhs: FloatArray, variances: FloatArray) -> tuple[float, float]:
     """ln|K| and Q of coefficients with variances D, for errors of scale one."""
     root, k = make_kernel(matrix, variances)
     side = root * rhs
@@ -72,7 +72,7 @@ class Axis:
         """Chebyshev nodes between low and high, (k,)."""
         if self.count == 1:
             return np.array([self.low])
-        return self._value(np.cos(np.pi * (np.arange(self.count) + 0.5) / self.count))
+        return self._compute_value(np.cos(np.pi * (np.arange(self.count) + 0.5) / self.count))
 
     def basis(self, value: FloatArray) -> FloatArray:
         """Chebyshev polynomials at values inside the limits, (n, count)."""
@@ -92,13 +92,13 @@ class Axis:
 
     def at(self, fraction: FloatArray) -> FloatArray:
         """Values at fractions of the way from low to high."""
-        return self._value(2 * np.asarray(fraction) - 1) if self.count > 1 else np.full(len(fraction), self.low)
+        return self._compute_value(2 * np.asarray(fraction) - 1) if self.count > 1 else np.full(len(fraction), self.low)
 
     @property
     def _ends(self):
         return np.arcsinh(self.low / self.scale), np.arcsinh(self.high / self.scale)
 
-    def _value(self, t):
+    def _compute_value(self, t):
         a, b = self._ends
         return np.clip(self.scale * np.sinh((t * (b - a) + a + b) / 2), self.low, self.high)
 
@@ -165,7 +165,7 @@ class Amplitudes(InNotebook):
         if self._eigen is not None:
             values, squares = amplitudes[0] * np.array(self._eigen)
             return float(np.log1p(values).sum()), float(np.sum(squares / (1 + values)))
-        return logdet_gain_of_variances(self.matrix, self.rhs, amplitudes @ self.shares)
+        return compute_logdet_and_gain(self.matrix, self.rhs, amplitudes @ self.shares)
 
     def on_tensor(self, roots: list[FloatArray]) -> FloatArray:
         """ln|K| and Q on the tensor of the `roots` of the amplitudes, (2, …)."""
@@ -244,13 +244,13 @@ class Likelihood(Amplitudes):
         spectra = list(spectra) if isinstance(spectra, Iterable) else []
         if not spectra or not all(isinstance(spectrum, SpectrumOfKind) for spectrum in spectra):
             raise ParameterError("a background needs a list of fit.background.Spectrum, one at least")
-        indices = coefficient_indices(modes, degrees)
+        indices = find_coefficient_indices(modes, degrees)
         shapes = np.array([spectrum.variances(modes)[indices] for spectrum in spectra])
         for spectrum, shape in zip(spectra, shapes, strict=True):
             if not shape.any():
                 raise ParameterError(f"the spectrum {spectrum.name} has no power in degrees {format_degrees(degrees)}")
         indices, shapes = indices[shapes.any(0)], shapes[:, shapes.any(0)]
-        free_indices = coefficient_indices(modes, free_degrees)
+        free_indices = find_coefficient_indices(modes, free_degrees)
         matrix, rhs, self.chi2 = _eliminate_free_degrees(normal, free_indices, indices)
         super().__init__(matrix, rhs, shapes)
         self.n_data = normal.n_data - len(free_indices)
@@ -323,18 +323,18 @@ class Likelihood(Amplitudes):
 
     def _minimise_loss(self, x):
         """Minimise the loss for 0 ≤ x ≤ 60, by Newton's method with differences of its slope."""
-        loss, slope = self._loss(x)
+        loss, slope = self._compute_loss(x)
         for _ in range(100):
             is_free = ~((x <= 0) & (slope > 0) | (x >= 60) & (slope < 0))
             if np.abs(slope[is_free]).max(initial=0.0) < 1e-8:
                 break
-            hessian = np.array([self._loss(x + 1e-5 * axis)[1] - slope for axis in np.eye(len(x))]) / 1e-5
+            hessian = np.array([self._compute_loss(x + 1e-5 * axis)[1] - slope for axis in np.eye(len(x))]) / 1e-5
             values, vectors = np.linalg.eigh((hessian + hessian.T)[np.ix_(is_free, is_free)] / 2)
             step = np.zeros(len(x))
             step[is_free] = -vectors @ (vectors.T @ slope[is_free] / np.maximum(np.abs(values), 1e-8))
             for fraction in 0.5 ** np.arange(30):
                 trial = np.clip(x + fraction * np.clip(step, -3, 3), 0, 60)
-                trial_loss, trial_slope = self._loss(trial)
+                trial_loss, trial_slope = self._compute_loss(trial)
                 if trial_loss <= loss + 1e-4 * slope @ (trial - x):
                     break
             else:
@@ -342,7 +342,7 @@ class Likelihood(Amplitudes):
             x, loss, slope = trial, trial_loss, trial_slope
         return x
 
-    def _loss(self, x):
+    def _compute_loss(self, x):
         """−ln L by a = unit (eˣ − 1), which is linear next to zero and logarithmic far from it; and its gradient."""
         logdet, gain, by_logdet, by_gain = self.slopes(self.unit * np.expm1(x))
         tau = self.scale(gain)
@@ -350,7 +350,7 @@ class Likelihood(Amplitudes):
         return -float(self.combine(logdet, gain, tau)), slope * self.unit * np.exp(x)
 
 
-def parity_p_value(separate: float, common: float) -> float:
+def compute_parity_p_value(separate: float, common: float) -> float:
     """Probability that two parities of one power look as different, by ln L of separate and of common powers."""
     return float(chdtrc(1, max(2 * (separate - common), 0.0)))
 
@@ -376,16 +376,16 @@ def _diagonalise(matrix, rhs, shape):
     return np.maximum(values, 0.0), (vectors.T @ (root * rhs)) ** 2
 
 
-def squared_scale_nodes(likelihood: Likelihood, best: Maximum) -> tuple[FloatArray, FloatArray]:
+def make_squared_scale_nodes(likelihood: Likelihood, best: Maximum) -> tuple[FloatArray, FloatArray]:
     """κ² and the weights of a sum over ln κ²."""
     if not likelihood.noise_scale:
         return np.ones(1), np.ones(1)
     reach = 4.5 * np.sqrt(2 / likelihood.n_data)
-    log_scale2, weight = gauss_nodes(9, -reach, reach)
+    log_scale2, weight = make_gauss_nodes(9, -reach, reach)
     return best.noise_scale**2 * np.exp(log_scale2), weight
 
 
-def gauss_nodes(number: int, low: float, high: float) -> tuple[FloatArray, FloatArray]:
+def make_gauss_nodes(number: int, low: float, high: float) -> tuple[FloatArray, FloatArray]:
     """Nodes and weights of an integral from low to high."""
     node, weight = np.polynomial.legendre.leggauss(number)
     return low + (high - low) * (node + 1) / 2, weight * (high - low) / 2
@@ -418,7 +418,7 @@ def _bisect_edge(is_outside, outside, inside):
 
 def equations_of(source: Any, scalars: bool = False) -> NormalEquations:
     """Normal equations of data alone: as they are less their prior, or those that a solution is the solution of."""
-    source = _underlying_solution(source)
+    source = _find_underlying_solution(source)
     if not scalars and isinstance(source, NormalEquations | Solution) and source.modes.components != 2:
         raise ParameterError(
             "this is of fields of motions: their spectra have toroidal and spheroidal parts, and a scalar field has "
@@ -462,16 +462,16 @@ def equations_of(source: Any, scalars: bool = False) -> NormalEquations:
     )
 
 
-def error_source_of(source: Any) -> tuple[str, ErrorSource]:
+def find_error_source(source: Any) -> tuple[str, ErrorSource]:
     """Source of the errors, in words and as an ErrorSource; normal equations have those of the catalogue."""
-    solution = _underlying_solution(source)
+    solution = _find_underlying_solution(source)
     return (getattr(solution, "errors_from", "the catalogue"), getattr(solution, "error_source", ErrorSource.CATALOGUE))
 
 
 def should_fit_scale(source: Any, noise_scale: bool | None) -> bool:
     """Return whether the scale of the errors is estimated: as told, or where the errors are the catalogue's."""
     option = choice("noise_scale", noise_scale, (None, True, False))
-    return error_source_of(source)[1] == ErrorSource.CATALOGUE if option is None else option
+    return find_error_source(source)[1] == ErrorSource.CATALOGUE if option is None else option
 
 
 def check_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[int, ...]:
@@ -491,7 +491,7 @@ def check_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[in
     return tuple(unique_degrees)
 
 
-def coefficient_indices(modes: Modes, degrees: Iterable[int]) -> IntArray:
+def find_coefficient_indices(modes: Modes, degrees: Iterable[int]) -> IntArray:
     """Indices of the coefficients of some degrees."""
     return np.flatnonzero(np.isin(modes.degrees, list(degrees)))
 
@@ -504,5 +504,5 @@ def format_degrees(degrees: Sequence[int]) -> str:
     return ", ".join(map(str, degrees))
 
 
-def _underlying_solution(source):
+def _find_underlying_solution(source):
     return getattr(source, "resampled_solution", getattr(source, "solution", source))

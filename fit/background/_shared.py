@@ -25,12 +25,12 @@ from fit.background._blocks import (
     ClassEquations,
     ShapeDraws,
     compute_condition,
-    parities,
+    map_parities,
     reduce_class_equations,
     resample_draws,
     sample_shapes,
 )
-from fit.background._floor import SCALAR_SHAPES, SHAPES, usual_shapes
+from fit.background._floor import SCALAR_SHAPES, SHAPES, list_shapes
 from fit.background._likelihood import equations_of, format_degrees, should_fit_scale
 from fit.normal import NormalEquations, eliminate
 from fit.results.output import format_components
@@ -170,7 +170,7 @@ class ClassComparison(Result):
     def together(self) -> Solution:
         """Fit one spin and acceleration to all classes, by generalised least squares."""
         values, _, covariance = gls(self.values, self.covariance, np.ones((len(self), 1)))
-        return self._degree_one_solution(values, covariance, sum(self.n_sources))
+        return self._make_degree_one_solution(values, covariance, sum(self.n_sources))
 
     def equality(self, kind: str | None = None) -> float:
         """p-value of equal dipoles in all classes, averaged over the posterior of the common systematic errors.
@@ -180,7 +180,7 @@ class ClassComparison(Result):
         kind : {"T", "S"} or {"mean", "dipole"}, optional
             The spin or the acceleration alone; the mean or the dipole of a scalar field.
         """
-        return self._p_value(kind, None)
+        return self._compute_p_value(kind, None)
 
     def p_value(self, kind: str, i: int = 0, less: int | None = None) -> float:
         """p-value of the spin or the acceleration of a class, or of its difference from another class.
@@ -219,7 +219,7 @@ class ClassComparison(Result):
         positions = np.arange(len(self), dtype=float) if x is None else np.asarray(list(x), float)
         if positions.shape != (len(self),) or not np.ptp(positions) > 0:
             raise ParameterError(f"a trend needs a place for each of {len(self)} classes, not all the same")
-        return self._p_value(kind, positions)
+        return self._compute_p_value(kind, positions)
 
     def verdict(self, n: int = 4000, rng: Rng = 1) -> Verdict:
         """Test whether the dipole changes along the classes: the largest difference, after allowing for the search.
@@ -243,9 +243,9 @@ class ClassComparison(Result):
             skies.append(random.normal(size=(skies_per_draw, size)) @ root.T)
         class_values = np.concatenate(skies).reshape(-1, *self.values.shape)
         p_values, ranks, names = [], [], []
-        for row, kind, name in self._contrasts():
+        for row, kind, name in self._make_contrasts():
             block = self._slice_of_kind(kind)
-            contrast_covariance = np.einsum("i,iajb,j->ab", row, self._full_covariance()[:, block][:, :, :, block], row)
+            contrast_covariance = np.einsum("i,iajb,j->ab", row, self._fold_covariance()[:, block][:, :, :, block], row)
             differences = np.einsum("i,nia->na", row, class_values[:, :, block])
             chi2 = np.einsum("na,ab,nb->n", differences, np.linalg.inv(contrast_covariance), differences)
             p_values.append(chdtrc(block.stop - block.start, chi2))
@@ -314,14 +314,14 @@ class ClassComparison(Result):
         what : str, optional
             What classes are made by: "magnitude", say; `made_by` unless given.
         """
-        verdict, chances = self._tests
-        question, one = ("Does the dipole", "dipole") if "mean" not in chances else ("Do mean and dipole", "value")
+        verdict, p_values = self._tests
+        question, noun = ("Does the dipole", "dipole") if "mean" not in p_values else ("Do mean and dipole", "value")
         phrase = "not contradicted" if verdict.p_value > 0.0027 else "contradicted"
         return (
             f"{question} change with {what or self.made_by}? "
-            f"{', '.join(f'{name} p = {p:.2g}' for name, p in chances.items())}; the largest of "
+            f"{', '.join(f'{name} p = {p:.2g}' for name, p in p_values.items())}; the largest of "
             f"{verdict.looked_at} comparisons ({verdict.comparison}) p = {verdict.p_value:.2g} after allowing for all "
-            f"({verdict.face_value:.2g} before that): one {one} for all is {phrase}."
+            f"({verdict.face_value:.2g} before that): one {noun} for all is {phrase}."
         )
 
     def to_table(self) -> Table:
@@ -355,7 +355,7 @@ class ClassComparison(Result):
 
         return plot_shared(self, ax=ax)
 
-    def _full_covariance(self):
+    def _fold_covariance(self):
         return self.covariance.reshape(2 * self.values.shape)
 
     def _slice_of_kind(self, kind):
@@ -373,10 +373,10 @@ class ClassComparison(Result):
         row = np.asarray(weights, float)
         n_sources = sum(n for n, weight in zip(self.n_sources, row, strict=True) if weight)
         values = row @ self.values
-        covariance = np.einsum("i,iajb,j->ab", row, self._full_covariance(), row)
-        return self._degree_one_solution(values, covariance, n_sources)
+        covariance = np.einsum("i,iajb,j->ab", row, self._fold_covariance(), row)
+        return self._make_degree_one_solution(values, covariance, n_sources)
 
-    def _degree_one_solution(self, values, covariance, n_sources):
+    def _make_degree_one_solution(self, values, covariance, n_sources):
         kind: Any = Solution if len(values) == 6 else ScalarSolution
         return kind(
             coefficients=kind._coefficients(1, values),
@@ -390,7 +390,7 @@ class ClassComparison(Result):
             includes_floor=True,
         )
 
-    def _p_value(self, kind, positions):
+    def _compute_p_value(self, kind, positions):
         if len(self) < 2:
             raise ParameterError("a comparison needs two classes at least, not one")
         block = slice(None) if kind is None else self._slice_of_kind(kind)
@@ -403,7 +403,7 @@ class ClassComparison(Result):
             p_sum += chdtrc(dof, max(misfit, 0.0))
         return float(p_sum / len(self.means))
 
-    def _contrasts(self):
+    def _make_contrasts(self):
         """Edges between neighbours, low against high by their information, and a slope, for spin and acceleration."""
         k = len(self)
         if k < 2:
@@ -544,14 +544,14 @@ def sample_class_errors(
     if len(names) != len(inputs):
         raise ParameterError(f"{len(names)} labels for {len(inputs)} classes")
     modes = type(equations[0].modes)(_choose_highest_degree(equations, degrees))
-    spectra = spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes, modes)
+    spectra = make_spectra(list_shapes(modes.lmax) if shapes is None else shapes, modes)
     draws, is_free = whole("draws", draws), None if free is None else free(modes)
 
     def draw_lots(classes):
         return sample_shapes(classes, modes, spectra, own, draws, rng)
 
     classes, notes = _reduce_classes(equations, names, modes, scale_flags, is_free)
-    notes += _leakage_notes(equations, classes, names, modes) if len(classes) > 1 else []
+    notes += _describe_leakage(equations, classes, names, modes) if len(classes) > 1 else []
     lots = draw_lots(classes)
     if any(normal.modes.lmax > modes.lmax for normal in equations):
         equations = _marginalise_leakage(equations, lots, modes)
@@ -562,10 +562,10 @@ def sample_class_errors(
         "frame": equations[0].frame or "icrs", "unit": equations[0].unit or "",
         "templates": templates[0],
     }  # fmt: skip
-    return lots, modes, notes + _few_draws_notes(lots), facts
+    return lots, modes, notes + _describe_few_draws(lots), facts
 
 
-def _few_draws_notes(lots):
+def _describe_few_draws(lots):
     if min(lot.effective for lot in lots if lot.probability > 0.05) >= EFFECTIVE:
         return []
     return ["few draws of the systematic errors count: give more of them (draws=), or merge classes"]
@@ -574,7 +574,7 @@ def _few_draws_notes(lots):
 def _marginalise_leakage(equations, lots, modes):
     """Equations of `modes` alone: higher degrees have the power that a first estimate, `lots`, gives them."""
     all_modes = max((normal.modes for normal in equations), key=len)
-    powers = class_variances(lots, all_modes)
+    powers = compute_class_variances(lots, all_modes)
     return [
         marginalise_higher_degrees(normal, modes, power[all_modes.degrees <= normal.modes.lmax], scale)
         if normal.modes.lmax > modes.lmax
@@ -583,7 +583,7 @@ def _marginalise_leakage(equations, lots, modes):
     ]
 
 
-def _leakage_notes(equations, classes, names, modes):
+def _describe_leakage(equations, classes, names, modes):
     """A note on classes into which higher degrees leak, and what to do."""
     leaky_classes = [
         name
@@ -632,7 +632,7 @@ def _choose_highest_degree(equations, degrees):
     return highest
 
 
-def spectra_of(shapes: Any, modes: Modes) -> list[tuple[str, Any]]:
+def make_spectra(shapes: Any, modes: Modes) -> list[tuple[str, Any]]:
     """Names and spectra of shapes for some modes; ParameterError where one is none."""
     named, kind = (SCALAR_SHAPES, ScalarSpectrum) if modes.components == 1 else (SHAPES, Spectrum)
     shape_list = [shapes] if isinstance(shapes, str | SpectrumOfKind) else list(shapes)
@@ -666,9 +666,9 @@ def compare_classes_jointly(
 ) -> ClassComparison:
     """Compute `shared` from the normal equations of all classes together, (K, p, K, p) and (K, p)."""
     classes = ClassEquations.from_joint_equations(matrix, rhs, modes)
-    random, spectra = generator(rng), spectra_of(usual_shapes(modes.lmax), modes)
+    random, spectra = generator(rng), make_spectra(list_shapes(modes.lmax), modes)
     lots = sample_shapes(classes, modes, spectra, "each", draws, random)
-    return average_draws(lots, modes, random, notes=_few_draws_notes(lots), **facts)
+    return average_draws(lots, modes, random, notes=_describe_few_draws(lots), **facts)
 
 
 def extend_degrees(
@@ -691,13 +691,13 @@ def sees_part(normal: NormalEquations, lmax: int) -> bool:
         return False
 
 
-def class_variances(lots: Sequence[ShapeDraws], modes: Modes) -> FloatArray:
+def compute_class_variances(lots: Sequence[ShapeDraws], modes: Modes) -> FloatArray:
     """Variances of the coefficients of each class, (K, p), the mean over draws and shapes."""
     total: FloatArray = np.zeros(())
     for lot in lots:
         shares = [lot.likelihood.shares(x)[:2].diagonal(axis1=1, axis2=2) for x in lot.x]  # (2, K)
         mean_shares = np.tensordot(lot.weight, shares, 1)
-        total = total + lot.probability * mean_shares[parities(modes)].T * lot.scale * lot.spectrum.variances(modes)
+        total = total + lot.probability * mean_shares[map_parities(modes)].T * lot.scale * lot.spectrum.variances(modes)
     return total
 
 

@@ -6,14 +6,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fit.background._amplitude import Amplitude, posteriors
+from fit.background._amplitude import Amplitude, compute_posteriors
 from fit.background._likelihood import (
     Likelihood,
     check_degrees,
-    coefficient_indices,
+    compute_parity_p_value,
     equations_of,
+    find_coefficient_indices,
     format_degrees,
-    parity_p_value,
     should_fit_scale,
 )
 from fit.normal import NormalEquations
@@ -131,7 +131,7 @@ class WaveLimit(Result):
             return self.amplitude.quantile(probability, prior, lowest)  # type: ignore[arg-type]
         if not np.isfinite(self.squares).all():
             raise ParameterError("the data do not determine every coefficient of degree 2: take another prior")
-        return float(1.2 * quantile(probability, *self.squares) / (4 * np.pi * hubble_rate(self.hubble) ** 2))
+        return float(1.2 * find_quantile(probability, *self.squares) / (4 * np.pi * hubble_rate(self.hubble) ** 2))
 
     def frequency(self, years: float) -> float:
         """The upper edge of the band, 1/T. [Hz]
@@ -248,13 +248,13 @@ def wave_limit(
     backgrounds = list(systematics) if systematics is not None else [Spectrum.flat()] if degrees != (2,) else []
     likelihood = Likelihood(equations, [Spectrum.waves(hubble), *backgrounds], degrees, free_degrees, fit_scale)
     best = likelihood.maximum()
-    (amplitude,), _ = posteriors(likelihood, best, [0])
+    (amplitude,), _ = compute_posteriors(likelihood, best, [0])
     # In degree 2 alone the odd spectrum is that of S, and the even one that of T.
     separate_maximum, common_maximum = (
         Likelihood(equations, spectra, (2,), (1,), fit_scale).maximum()
         for spectra in ([Spectrum.odd(), Spectrum.even()], [Spectrum.flat()])
     )
-    power, noise, squares = quadrupole_statistics(equations, degrees[-1], fit_scale)
+    power, noise, squares = find_quadrupole_statistics(equations, degrees[-1], fit_scale)
     return WaveLimit(
         amplitude=amplitude,
         degrees=degrees,
@@ -264,7 +264,7 @@ def wave_limit(
         power=power,
         noise_power=noise,
         squares=squares,
-        parity_p_value=parity_p_value(separate_maximum.log_likelihood, common_maximum.log_likelihood),
+        parity_p_value=compute_parity_p_value(separate_maximum.log_likelihood, common_maximum.log_likelihood),
         n_data=equations.n_data,
         notes=equations.notes,
     )
@@ -274,7 +274,7 @@ def wave_limit(
 _ACCURACY = 1e-7
 
 
-def probability_above(x: float, variances: FloatArray, shifts: FloatArray) -> float:
+def compute_probability_above(x: float, variances: FloatArray, shifts: FloatArray) -> float:
     """P(Σ λ_i (z_i + δ_i)² > x) with z_i ~ N(0, 1): Imhof (1961, Biometrika 48, 419), eq. 3.2."""
     scale = variances.max()
     ratio, x = variances / scale, x / scale
@@ -295,24 +295,24 @@ def probability_above(x: float, variances: FloatArray, shifts: FloatArray) -> fl
     return float(np.clip(0.5 + value / np.pi, 0, 1))
 
 
-def quantile(probability: float, variances: FloatArray, shifts: FloatArray) -> float:
+def find_quantile(probability: float, variances: FloatArray, shifts: FloatArray) -> float:
     """The value below which Σ λ_i (z_i + δ_i)² lies with a probability."""
     from scipy.optimize import brentq  # slow to import
 
     mean = np.sum(variances * (1 + shifts**2))
     dispersion = np.sqrt(np.sum(2 * variances**2 * (1 + 2 * shifts**2)))
     upper = mean + 3 * dispersion
-    while probability_above(upper, variances, shifts) > 1 - probability:
+    while compute_probability_above(upper, variances, shifts) > 1 - probability:
         upper += 3 * dispersion
     return float(
-        brentq(lambda x: 1 - probability - probability_above(x, variances, shifts), 0, upper, xtol=1e-9 * upper)
+        brentq(lambda x: 1 - probability - compute_probability_above(x, variances, shifts), 0, upper, xtol=1e-9 * upper)
     )
 
 
-def quadrupole_statistics(equations: NormalEquations, lmax: int, scaled: bool) -> tuple[float, float, FloatArray]:
+def find_quadrupole_statistics(equations: NormalEquations, lmax: int, scaled: bool) -> tuple[float, float, FloatArray]:
     """P_2, its noise, variances and shifts of its terms, (2, 10), fitted with all degrees to lmax, or nan."""
     modes = equations.modes
-    indices = coefficient_indices(modes, range(1, lmax + 1))
+    indices = find_coefficient_indices(modes, range(1, lmax + 1))
     matrix, rhs = equations.matrix[np.ix_(indices, indices)], equations.rhs[indices]
     quadrupole = np.flatnonzero(modes.degrees[indices] == 2)
     if equations.n_data <= len(indices) or np.linalg.cond(matrix) > 1e12:

@@ -137,7 +137,7 @@ def _run(options):
             **options.match,
             threshold=options.threshold,
             labels=(labels[0], label),
-            floor=_floor_choice(options),
+            floor=_read_floor_choice(options),
             parameters=options.parameters,
             method=method,
             replicates=int(value or 1000),
@@ -184,7 +184,7 @@ def _run(options):
         tables=make_tables,
         plot=lambda: (
             {
-                f"{name}{_file_suffix(label, results)}": axes
+                f"{name}{_make_file_suffix(label, results)}": axes
                 for label, (comparison, differences) in results.items()
                 for name, axes in _draw_figures(comparison, differences).items()
             }
@@ -206,12 +206,12 @@ def _run(options):
     )
 
 
-def _floor_choice(options):
+def _read_floor_choice(options):
     """The choice of the user to include the floor or not; None where the number of sources decides."""
     return None if options.floor is None else options.floor == "yes"
 
 
-def _file_suffix(label, results):
+def _make_file_suffix(label, results):
     """Suffix of a file name where there are several catalogues."""
     return f"_{label}" if len(results) > 1 else ""
 
@@ -227,7 +227,7 @@ def _compare_several(catalogues, options):
     """All catalogues in one solution with their common noise; by position, sources have the names of the first."""
     if options.match["by"] == "position":
         catalogues = _rename_by_position(catalogues, options.match.get("radius"))
-    return fit.chain.combine_frames(catalogues, options.lmax, floor=_floor_choice(options) is not False)
+    return fit.chain.combine_frames(catalogues, options.lmax, floor=_read_floor_choice(options) is not False)
 
 
 def _rename_by_position(catalogues, radius):
@@ -244,7 +244,7 @@ def _write_files(folder, results, network, meta):
     if network is not None:
         network.write(folder / "chain.ecsv", meta)
     for label, (comparison, _) in results.items():
-        suffix = _file_suffix(label, results)
+        suffix = _make_file_suffix(label, results)
         comparison.write(folder / f"comparison{suffix}.ecsv", meta)
         comparison.best.write(folder / f"solution{suffix}.ecsv", meta)
         fit.output.write_correlation(comparison.best, folder / f"correlation{suffix}.ecsv", meta)

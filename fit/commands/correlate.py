@@ -90,15 +90,15 @@ def _run(options):
     parts = [finishing.Part("correlation", matrices, "Correlations", caption, as_table=True)]
     details = []
     for field, label in zip(fields, labels, strict=True):
-        details.append(_degree_section(field, label, options.lmax))
+        details.append(_make_degree_section(field, label, options.lmax))
         for pair in options.influence or []:
-            parts.append(_influence_part(field, label, pair, options.lmax))
-            details.append(_influence_section(field, label, pair, options.lmax))
+            parts.append(_make_influence_part(field, label, pair, options.lmax))
+            details.append(_make_influence_section(field, label, pair, options.lmax))
         if options.leakage:
             leakage = fit.correlation.leakage(field, options.lmax, options.leakage)
             parts.append(finishing.Part(f"leakage_{label}", leakage, f"Leakage, {label}", _LEAKAGE, as_table=True))
-            details.append(_leakage_section(leakage, label, options.power_per_degree))
-    notes = [f"{label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _notes_of(field)]
+            details.append(_make_leakage_section(leakage, label, options.power_per_degree))
+    notes = [f"{label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _find_notes(field)]
 
     def sections(long):
         (section,) = matrices.sections(long=long)
@@ -108,7 +108,7 @@ def _run(options):
     run.finish(
         parts,
         sections=sections,
-        answer=Answer(tuple(_answer_lines(matrices))),
+        answer=Answer(tuple(_format_answer_lines(matrices))),
         notes=notes,
         paths=paths,
         counts={"sources": [_count_sources(f) for f in fields]},
@@ -116,7 +116,7 @@ def _run(options):
     )
 
 
-def _notes_of(field):
+def _find_notes(field):
     return next(iter(field)).notes if isinstance(field, vsh.io.parts.Parts) else field.notes
 
 
@@ -124,7 +124,7 @@ def _count_sources(field):
     return field.counted() if isinstance(field, vsh.io.parts.Parts) else len(field)
 
 
-def _answer_lines(matrices):
+def _format_answer_lines(matrices):
     """The parameters that each sky determines together worst."""
     for k, label in enumerate(matrices.labels):
         value, (parameter_a, parameter_b) = matrices.largest(k)
@@ -146,7 +146,7 @@ def _make_labels(paths):
     return names if len(set(names)) == len(names) else [f"{name}_{k}" for k, name in enumerate(names, 1)]
 
 
-def _degree_section(field, label, lmax):
+def _make_degree_section(field, label, lmax):
     rows = fit.correlation.lmax_table(field, max(5, lmax))
     prediction = fit.correlation.predict_covariance(field, lmax)
     table = vsh.io.tables.table_of_rows(("degree", "condition", "largest correlation"), rows)
@@ -161,7 +161,7 @@ def _degree_section(field, label, lmax):
     return Section(f"{label}: by the highest degree that is fitted", facts, table, forms=forms)
 
 
-def _influence_section(field, label, pair, lmax):
+def _make_influence_section(field, label, pair, lmax):
     from vsh.sky.pixels import centres
     from vsh.vector import correlation_of
 
@@ -179,7 +179,7 @@ def _influence_section(field, label, pair, lmax):
     return Section(f"{label}: {quantity}", [("depends most on", text)])
 
 
-def _leakage_section(leak, label, power):
+def _make_leakage_section(leak, label, power):
     biases = leak.bias_of(fit.correlation.parameters_of("spin+acceleration").names, power)
     cells = ", ".join(f"{name} {value:.3g}" for name, value in biases.items())
     degrees = f"degrees {leak.fitted.lmax + 1} to {leak.unmodelled.lmax}"
@@ -192,7 +192,7 @@ def _leakage_section(leak, label, power):
 _INFLUENCE_NSIDE = 16
 
 
-def _influence_part(field, label, pair, lmax):
+def _make_influence_part(field, label, pair, lmax):
     """The map of an influence as a part of the result."""
     values = fit.correlation.influence_map(field, lmax, pair, _INFLUENCE_NSIDE)
     name = f"influence_{label}_{'_'.join(pair)}".replace("(", "").replace(")", "").replace(",", "")

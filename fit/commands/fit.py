@@ -176,7 +176,7 @@ def _run(options):
             figures=figures.drawn,
             command=options.command,
             captions=captions,
-            sections=_further_sections(results, True),
+            sections=_make_further_sections(results, True),
             provenance=meta,
             answer=answer,
             **facts | {"source": Path(name).name},
@@ -201,7 +201,7 @@ def _run(options):
                 for key, result in results.items()
             ),
         ],
-        sections=lambda long: [*solution.sections(long=long, **facts), *_further_sections(results, long)],
+        sections=lambda long: [*solution.sections(long=long, **facts), *_make_further_sections(results, long)],
         latex=latex,
         answer=answer,
         notes=[*warnings, *solution.notes],
@@ -231,7 +231,7 @@ def _make_answer(solution, results, has_classes):
     return Answer(tuple(lines))
 
 
-def _further_sections(results, long):
+def _make_further_sections(results, long):
     """The sections below those of the solution; short, the lines to quote have the floor and the limit on waves."""
     names = [name for name in (*(("floor", "waves") if long else ()), "shared", "cross_powers") if name in results]
     selection = [replace(results[name], notes=()) if name == "waves" else results[name] for name in names]  # said above
@@ -240,9 +240,9 @@ def _further_sections(results, long):
 
 def _count_rows(solution, n_clipped, condition):
     """Rows of the table, by what became of them."""
-    used, refused, unselected = solution.n_sources, count_dropped(solution.notes), count_unselected(solution.notes)
-    counts = {"rows": used + n_clipped + refused + unselected, "rows_used": used, "rows_refused": refused}
-    return counts | {"rows_clipped": n_clipped} | ({"rows_not_selected": unselected} if condition else {})
+    n_used, n_refused, n_skipped = solution.n_sources, count_dropped(solution.notes), count_unselected(solution.notes)
+    counts = {"rows": n_used + n_clipped + n_refused + n_skipped, "rows_used": n_used, "rows_refused": n_refused}
+    return counts | {"rows_clipped": n_clipped} | ({"rows_not_selected": n_skipped} if condition else {})
 
 
 def _compare_subsets(run, source, path, estimate, templates, n_sources):

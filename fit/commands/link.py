@@ -101,7 +101,7 @@ def _run(options):
     if options.candidates:
         results["plan"] = forecast(solution, read_astrometry(options.candidates))
 
-    truth = _truth_sections(solution, options.catalogues[0])
+    truth = _make_truth_sections(solution, options.catalogues[0])
     headings = {"steps": "Place of the jump", "link": "Link", "plan": "Observe next"}
     parts = [finishing.Part(name, result, headings[name]) for name, result in results.items()]
     parts.append(
@@ -113,10 +113,10 @@ def _run(options):
             files=lambda folder, meta: write_table(solution.sources_table(), folder / "sources.ecsv", meta),
         )
     )
-    shown = [result for name, result in results.items() if name != "link" or "steps" not in results]
+    printed = [result for name, result in results.items() if name != "link" or "steps" not in results]
     run.finish(
         parts,
-        sections=lambda long: [*(section for result in shown for section in result.sections(long=long)), *truth],
+        sections=lambda long: [*(section for result in printed for section in result.sections(long=long)), *truth],
         answer=results.get("steps", solution).answer,
         notes=solution.notes,
         paths=[*options.catalogues, *(path for path in (options.priors, options.candidates) if path)],
@@ -125,7 +125,7 @@ def _run(options):
     )
 
 
-def _truth_sections(solution, path):
+def _make_truth_sections(solution, path):
     """The truth of a simulated table, with how many errors the solution is from it, as a section."""
     from vsh.io import catalogue
 

@@ -199,9 +199,9 @@ def _run(options):
     source = run.open(options.catalogue)
     truth = vsh.io.catalogue.truth_of(source)
     sky = run.read(source, options.catalogue).to_frame(options.frame)
-    facts, counts = _redshift_facts(sky, source, options)
+    facts, counts = _make_redshift_facts(sky, source, options)
     velocity = reading.velocity_of(options.velocity) or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
-    model, failure = _model_options(options), None
+    model, failure = _choose_model_options(options), None
     method, value = parsing.method_and_value(options.method) if options.method else (None, None)
     parts = _bin_parts(sky, options, model, velocity, method, value) if options.bins else []
     sky = fit.robust.clip(sky, vsh.Modes(1), float(value or 3.0)).sources(sky) if method == "clip" else sky
@@ -210,7 +210,7 @@ def _run(options):
         estimates = _estimate_by_least_squares(field, options, model, velocity, truth)
         if options.posterior:
             try:
-                parts.append(_posterior_part(field, options, model, velocity, truth))
+                parts.append(_sample_posterior_part(field, options, model, velocity, truth))
             except ConvergenceError as error:  # every other result is written all the same
                 failure = error
         has_posterior = options.posterior and failure is None
@@ -233,7 +233,7 @@ def _run(options):
         parts,
         sections=sections,
         notes=() if isinstance(sky, vsh.io.parts.Parts) else sky.notes,
-        answer=Answer(tuple(_answer_lines(results))),
+        answer=Answer(tuple(_format_answer_lines(results))),
         paths=options.catalogue,
         counts=counts,
         title=f"Motions against redshift: {source.label}",
@@ -243,7 +243,7 @@ def _run(options):
         raise failure
 
 
-def _redshift_facts(sky, source, options):
+def _make_redshift_facts(sky, source, options):
     """The frame of the redshifts, as facts, and the numbers of rows; VshError where there are no redshifts."""
     is_parts = isinstance(sky, vsh.io.parts.Parts)
     counts = {}
@@ -265,7 +265,7 @@ def _redshift_facts(sky, source, options):
     return facts, counts
 
 
-def _model_options(options):
+def _choose_model_options(options):
     """Assumptions of every estimate about distances and motions, as keyword arguments."""
     model = {
         "peculiar_dispersion": options.dispersion if isinstance(options.dispersion, float) else None,
@@ -291,7 +291,7 @@ def _bin_parts(sky, options, model, velocity, method, value):
         comparison, remark = _compare_bins_with_systematics(bin_up_to, bins, options.lmax, options.floor == "yes")
     else:
         p_values = _permute_redshifts(sky, bins, velocity, bin_options)
-        remark = _floor_remark(sky, bins)
+        remark = _describe_floor(sky, bins)
 
     def sections(long):
         tests: Any
@@ -332,7 +332,7 @@ def _compare_bins_with_systematics(bin_up_to, bins, lmax, is_asked):
     return comparison, "These p-values are for independent errors; those with systematic errors follow."
 
 
-def _floor_remark(sky, bins):
+def _describe_floor(sky, bins):
     """The size of what errors of bins leave out, in words."""
     if bins.counts.sum() < fit.quality.FEW or bins.flow_share > fit.redshift.FLOW_MATTERS:
         return ""
@@ -375,7 +375,7 @@ def _estimate_by_least_squares(field, options, model, velocity, truth):
         estimates["velocity"] = fit.secular_parallax.observer_velocity(field, options.h0, **model)
     if options.velocity:
         estimates["hubble"] = _run_with_group(
-            partial(fit.secular_parallax.hubble_constant, field, velocity, **model), _local_group(field, options, truth)
+            partial(fit.secular_parallax.hubble_constant, field, velocity, **model), _find_group(field, options, truth)
         )
     return estimates
 
@@ -390,7 +390,7 @@ def _run_with_group(estimate, group):
         return estimate()
 
 
-def _local_group(field, options, truth):
+def _find_group(field, options, truth):
     """The Local Group's motion, which tells the flow where we are: of real galaxies, or the true one of simulated."""
     from fit.distances import declared_frame
 
@@ -407,7 +407,7 @@ def _estimate_part(name, estimate, label, truth, has_posterior):
     heading = "Our velocity" if name == "velocity" else "The Hubble constant"
 
     def tables():
-        table = _add_truth_column(estimate.to_table(), _truth_by_name(truth, estimate))
+        table = _add_truth_column(estimate.to_table(), _find_truth_by_name(truth, estimate))
         table.meta["summary"] = _summarise(estimate)
         return {heading: table}
 
@@ -423,28 +423,28 @@ def _estimate_part(name, estimate, label, truth, has_posterior):
     )
 
 
-def _posterior_part(field, options, model, velocity, truth):
+def _sample_posterior_part(field, options, model_options, v_prior, truth):
     """The posterior of our velocity and H0 as a part of the result."""
-    hubble: Any = fit.posterior.Normal(options.h0, options.h0_error) if options.h0 and options.h0_error else "flat"
+    h0_prior: Any = fit.posterior.Normal(options.h0, options.h0_error) if options.h0 and options.h0_error else "flat"
     if options.h0_range:
-        hubble = fit.posterior.Flat(*options.h0_range)
-    group = _local_group(field, options, truth)
+        h0_prior = fit.posterior.Flat(*options.h0_range)
+    group = _find_group(field, options, truth)
     if isinstance(options.dispersion, tuple):
-        model = model | {"peculiar_dispersion": fit.posterior.Flat(*options.dispersion)}
+        model_options = model_options | {"peculiar_dispersion": fit.posterior.Flat(*options.dispersion)}
     elif options.dispersion == "free":
-        model = model | {"peculiar_dispersion": fit.posterior.Flat(0.0, _MAX_DISPERSION[options.flows])}
-    if not velocity.covariance.any():  # a speed without an error is taken to a thousandth, a direction to 0.001°
-        l, b = velocity.direction
-        velocity = vsh.Vector.from_spherical(
-            velocity.amplitude, l, b, (1e-3 * velocity.amplitude, 1e-3, 1e-3), "galactic", "km/s"
+        model_options = model_options | {"peculiar_dispersion": fit.posterior.Flat(0.0, _MAX_DISPERSION[options.flows])}
+    if not v_prior.covariance.any():  # a speed without an error is taken to a thousandth, a direction to 0.001°
+        l, b = v_prior.direction
+        v_prior = vsh.Vector.from_spherical(
+            v_prior.amplitude, l, b, (1e-3 * v_prior.amplitude, 1e-3, 1e-3), "galactic", "km/s"
         )
     sample = partial(
-        fit.posterior.sample, field, velocity, hubble, method=options.sampler or "emcee", n_samples=options.posterior,
-        rng=1, checkpoint=options.checkpoint, **model,
+        fit.posterior.sample, field, v_prior, h0_prior, method=options.sampler or "emcee", n_samples=options.posterior,
+        rng=1, checkpoint=options.checkpoint, **model_options,
     )  # fmt: skip
     posterior = _run_with_group(sample, group)
 
-    truths = _truth_by_name(truth, posterior)
+    truths = _find_truth_by_name(truth, posterior)
 
     def sections(long):
         *report, last = posterior.sections(long=long)
@@ -466,7 +466,7 @@ def _posterior_part(field, options, model, velocity, truth):
     return finishing.Part("posterior", posterior, sections=sections, plot=draw, tables=tables, files=files)
 
 
-def _truth_by_name(truth, result):
+def _find_truth_by_name(truth, result):
     """The truth of a simulated catalogue, by the names of a result; empty where it is not known."""
     if not truth or "velocity" not in truth:
         return {}
@@ -492,7 +492,7 @@ _PRIOR_FACTOR = 1.5
 _PUBLISHED_HUBBLE = 67.0, 73.0
 
 
-def _answer_lines(results):
+def _format_answer_lines(results):
     """The lines to quote: what is doubtful, H0, our velocity, whether the dipole changes, and what errors leave out."""
     notes = dict.fromkeys(note for result in results.values() for note in getattr(result, "notes", ()))
     lines = [("doubt", str(note).removeprefix("warning: ")) for note in notes if has_code(note, DOUBT)]
@@ -502,7 +502,7 @@ def _answer_lines(results):
         name: replace(each, covariance=factor**2 * each.covariance) for name, each in estimates.items() if factor > 1
     }
     if "posterior" in results:
-        lines += _posterior_lines(results["posterior"])
+        lines += _format_posterior_lines(results["posterior"])
     elif "hubble" in results:
         lines.append(("H0", _format_hubble(results["hubble"])))
     if "velocity" in results:
@@ -563,7 +563,7 @@ def _format_posterior_hubble(posterior):
     return f"{median} km/s/Mpc ({lower} to {upper}, 68 %)", _format_deviation(h0.median, error)
 
 
-def _posterior_lines(posterior):
+def _format_posterior_lines(posterior):
     """H0 and the speed by the posterior, medians with 68 % intervals, and the priors they rest on."""
     rows, texts = posterior.summary(), posterior.print_summary()
     lines = [("H0", "{}, posterior; {}".format(*_format_posterior_hubble(posterior)))]
@@ -604,8 +604,8 @@ def _summarise(solution):
         limits = f"below {format_three_digits(upper)}" + (f", above {format_three_digits(lower)}" if lower > 0 else "")
         if not _is_determined(solution):
             limits += " (not determined: the table has the least-squares value)"
-        ours = solution.assumed_velocity.amplitude
-        phrase = f"for our velocity of {ours:.1f} km/s, H0 in km/s/Mpc with 95 % {limits}"
+        speed = solution.assumed_velocity.amplitude
+        phrase = f"for our velocity of {speed:.1f} km/s, H0 in km/s/Mpc with 95 % {limits}"
     return (
         f"{solution.n_sources} sources, {solution.frame} axes, {phrase}, χ²/dof = {solution.quality.reduced:.3f}, "
         f"{'coherent flows in the errors' if solution.flow is not None else 'errors without flows'}"

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.correlation._matrices import FRAME_NAMES, field_from_positions, largest_correlation, select_parameters
+from fit.correlation._matrices import FRAME_NAMES, field_from_positions, find_largest_correlation, select_parameters
 from fit.normal import gaussian_prior, normal_equations, solve
 from fit.results.solution import Solution
 from fit.results.storage import from_hex, to_hex
@@ -39,7 +39,7 @@ class Prediction(Solution):
     def largest(self) -> tuple[float, tuple[str, str]]:
         """The largest correlation among spin and acceleration, and the pair it is of."""
         parameters = select_parameters(FRAME_NAMES, self.modes)
-        return largest_correlation(correlation_of(parameters.covariance(self.covariance)), parameters.names)
+        return find_largest_correlation(correlation_of(parameters.covariance(self.covariance)), parameters.names)
 
     def _pack(self):
         columns, metadata, units = super()._pack()
@@ -105,9 +105,9 @@ def predict_covariance(
         parts = [replace(part, noise_scale=1.0) for part in floor.parts]
         solution = solve(normal, floor=replace(floor, noise_scale=1.0, parts=tuple(parts)))
     # N of the six vectors, from that of the degree-1 coefficients: c = F v.
-    to_coefficients = np.zeros((len(modes), 6))
+    transformation = np.zeros((len(modes), 6))
     for k, kind in enumerate(KINDS):
-        to_coefficients[modes.slice_of(kind, 1), 3 * k : 3 * k + 3] = FIRST_DEGREE
+        transformation[modes.slice_of(kind, 1), 3 * k : 3 * k + 3] = FIRST_DEGREE
     return Prediction(
         coefficients=Coefficients(modes, np.full(len(modes), np.nan)),
         covariance=solution.covariance,
@@ -117,7 +117,7 @@ def predict_covariance(
         notes=solution.notes,
         errors_from="the predicted weights" + ("" if floor is None else ", with systematic errors"),
         _weight=as_parts(field).sum(_sum_information, roles=(), words="weights"),
-        _alone=to_coefficients.T @ normal.matrix @ to_coefficients,
+        _alone=transformation.T @ normal.matrix @ transformation,
     )
 
 

@@ -61,7 +61,7 @@ class Leakage(Result):
             ∫ |V_l|² dΩ of one kind and degree on average: the same for all, by degree {l: power}, an array
             from the first unmodelled degree on, or two rows of it, T and S. [(µas/yr)²]
         """
-        variance = self._select_beyond(self._variances(power))
+        variance = self._select_beyond(self._compute_variances(power))
         return (self.matrix * variance) @ self.matrix.T
 
     def bias(self, power: float | Mapping[int, float] | ArrayLike) -> FloatArray:
@@ -118,7 +118,7 @@ class Leakage(Result):
     def _select_beyond(self, values):
         return values[[i for i, mode in enumerate(self.unmodelled) if mode.l > self.fitted.lmax]]
 
-    def _variances(self, power):
+    def _compute_variances(self, power):
         modes = self.unmodelled
         lmin = self.fitted.lmax + 1
         spectrum = np.zeros((2, modes.lmax + 1))

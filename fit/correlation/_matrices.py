@@ -32,7 +32,7 @@ FRAME: Literal["spin+acceleration"] = "spin+acceleration"
 FRAME_NAMES = tuple(f"{vector}_{axis}" for vector in ("omega", "a") for axis in "xyz")
 
 
-def largest_correlation(matrix: FloatArray, names: Sequence[str]) -> tuple[float, tuple[str, str]]:
+def find_largest_correlation(matrix: FloatArray, names: Sequence[str]) -> tuple[float, tuple[str, str]]:
     """Find the largest off-diagonal correlation of a matrix, and the names of its two parameters."""
     rows, columns = np.triu_indices(len(names), 1)
     k = int(np.argmax(np.abs(matrix[rows, columns])))
@@ -160,7 +160,7 @@ class CorrelationMatrices(Result):
 
     def largest(self, i: int = 0) -> tuple[float, tuple[str, str]]:
         """Find the largest correlation of catalogue `i`, and the names of its two parameters."""
-        return largest_correlation(self.matrices[i], self.names)
+        return find_largest_correlation(self.matrices[i], self.names)
 
     def to_table(self) -> Table:
         """Return the matrix as an astropy Table; two catalogues are in its upper and lower triangles."""
@@ -292,11 +292,11 @@ def correlation_matrices(
 
 def compute_dipole(field: Field | Parts) -> FloatArray:
     """Compute the weighted mean unit vector of the sources, (3,); it is zero on a uniform sky."""
-    vector, weight = as_parts(field).sum(_direction_sums, roles=(), words="dipole")
+    vector, weight = as_parts(field).sum(_sum_directions, roles=(), words="dipole")
     return vector / weight
 
 
-def _direction_sums(field):
+def _sum_directions(field):
     weight = field.information
     return triad(field.lon, field.lat)[2] @ weight, weight.sum()
 
@@ -343,10 +343,10 @@ def influence_map(
 
     field = Field.from_positions(sources, sigma)
     pixels = pixels_of(field.lon, field.lat, nside)
-    return np.bincount(pixels, _source_derivatives(field, modes, parameters, quantity), 12 * nside**2).astype(float)
+    return np.bincount(pixels, _compute_derivatives(field, modes, parameters, quantity), 12 * nside**2).astype(float)
 
 
-def _source_derivatives(field, modes, parameters, quantity):
+def _compute_derivatives(field, modes, parameters, quantity):
     """Compute the derivative with respect to ln of the weight of each source, (n,)."""
     covariance, row_i, row_j, selection = _prepare_influence(field, modes, parameters)
     g = predict_motions(Coefficients(selection.modes, covariance @ row_i), field)

@@ -217,7 +217,7 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
     if indices.size:
         x, s = np.log1p(redshift[indices]), error[indices]
         g = None if magnitude is None else magnitude[indices]
-        moments = _moments_by_x(calibration, x, s) if g is None else _cached_moments(calibration)
+        moments = _tabulate_moments_by_x(calibration, x, s) if g is None else _cached_moments(calibration)
 
         def chunk_moments(chunk):
             return moments(x[chunk], s[chunk], None if g is None else g[chunk])
@@ -230,7 +230,7 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
     if has_distance.any():
         columns = (field.distance, field.distance_error, redshift, magnitude)
         measured = [None if column is None else np.asarray(column)[has_distance] for column in columns]
-        mean[has_distance], variance[has_distance] = _moments_from_distances(calibration, *measured)
+        mean[has_distance], variance[has_distance] = _compute_moments_from_distances(calibration, *measured)
         slope[has_distance] = 0.0
     return InverseDistances(mean, variance, slope, has_distance, redshift)
 
@@ -282,11 +282,11 @@ class _Moments:
         self.calibration = calibration
         # Functions of the user's may have steps and ends, which cubics have not.
         self.curves: Callable[[FloatArray], Sequence[FloatArray]] = self._weight_and_rate
-        self.log_luminosity: Callable[[FloatArray], Sequence[FloatArray]] = self._luminosity_curve
+        self.log_luminosity: Callable[[FloatArray], Sequence[FloatArray]] = self._compute_luminosity_curve
         if not isinstance(calibration.density.curve, GivenDensity):
             self.curves = _Cubics(np.log(np.log1p(FLOW_LIMIT)), np.log(_FARTHEST), self._weight_and_rate)
         if calibration.luminosity is not None and isinstance(calibration.luminosity.curve, LogCurve):
-            self.log_luminosity = _Cubics(-60.0, 40.0, self._luminosity_curve)
+            self.log_luminosity = _Cubics(-60.0, 40.0, self._compute_luminosity_curve)
 
     def _weight_and_rate(self, log_x):
         """The logarithm of the weight, the rate, and the distance modulus with its (1 + z)."""
@@ -295,7 +295,7 @@ class _Moments:
         weight = log_weight + self.calibration.density.log(np.exp(log_d))
         return weight, np.exp(-log_d) / AU_PER_YEAR, 5 / np.log(10) * (log_d + x) + 25
 
-    def _luminosity_curve(self, magnitude):
+    def _compute_luminosity_curve(self, magnitude):
         """The logarithm of the luminosity function."""
         assert self.calibration.luminosity is not None
         return (self.calibration.luminosity.log(magnitude),)
@@ -310,7 +310,7 @@ class _Moments:
         weight -= (offset / error) ** 2 / 2
         if magnitude is not None:
             weight += self.log_luminosity(magnitude - modulus)[0]
-        weight = _quadrature_probabilities(weight)
+        weight = _compute_probabilities(weight)
         mean, centre = np.einsum("qn,qn->n", weight, rate), np.einsum("qn,qn->n", weight, offset)
         rate -= mean
         offset -= centre
@@ -322,7 +322,7 @@ class _Moments:
 _cached_moments = lru_cache(maxsize=8)(_Moments)  # parts, and skies of one study, share a calibration
 
 
-def _moments_by_x(calibration, x, error):
+def _tabulate_moments_by_x(calibration, x, error):
     """Moments without magnitudes: of many sources of one spread they are functions of x alone."""
     moments = _cached_moments(calibration)
     if np.ptp(error) > 0 or len(x) < 2 * _KNOTS:
@@ -332,19 +332,19 @@ def _moments_by_x(calibration, x, error):
     return lambda x, error, magnitude: spline(np.log(x))
 
 
-def _moments_from_distances(calibration, distance, error, redshift, magnitude):
+def _compute_moments_from_distances(calibration, distance, error, redshift, magnitude):
     """Mean and variance of the rate where the distance itself was measured, (2, n)."""
     lower, upper = np.maximum(distance - _REACH * error, 1e-3 * distance), distance + _REACH * error
     nodes = (upper + lower) / 2 + (upper - lower) / 2 * _NODES[:, None]
     log_d = np.log(nodes)
     log_weight = 2 * log_d - ((nodes - distance) / error) ** 2 / 2
-    weight = _quadrature_probabilities(log_weight + _log_prior(calibration, log_d, np.log1p(redshift), magnitude))
+    weight = _compute_probabilities(log_weight + _compute_log_prior(calibration, log_d, np.log1p(redshift), magnitude))
     rate = np.exp(-log_d) / AU_PER_YEAR
     mean = np.sum(weight * rate, 0)
     return mean, np.sum(weight * (rate - mean) ** 2, 0)
 
 
-def _log_prior(calibration, log_d, x, magnitude):
+def _compute_log_prior(calibration, log_d, x, magnitude):
     """The density of sources at a distance, given their magnitudes."""
     log_density = calibration.density.log(np.exp(log_d))
     if magnitude is not None:
@@ -352,7 +352,7 @@ def _log_prior(calibration, log_d, x, magnitude):
     return log_density
 
 
-def _quadrature_probabilities(log_weight):
+def _compute_probabilities(log_weight):
     log_weight -= log_weight.max(0)
     weight = np.exp(log_weight, out=log_weight)
     weight *= _WEIGHTS[:, None]
@@ -404,7 +404,7 @@ def calibrate(
     """
     cosmology = FLAT_PLANCK13 if cosmology is None else cosmology
     sky = as_parts(field)
-    bare = bare_calibration(field, redshift_frame, dispersion, cosmology)
+    bare = make_bare_calibration(field, redshift_frame, dispersion, cosmology)
     sums = sky.sum(partial(_sum_for_calibration, calibration=bare), roles=DISTANCES, words="redshifts")
     limits = float(min(sums["lowest"])), float(max(sums["highest"]))
     bare = replace(bare, limits=limits, flow_limits=flow_limits(sums["flow"]))
@@ -422,7 +422,7 @@ def calibrate(
     if magnitudes and n_magnitudes < n:
         raise ParameterError(f"magnitudes are asked for, and {n - n_magnitudes} of {n} sources have none")
     use = n_magnitudes == n if magnitudes is None else bool(magnitudes)
-    notes = _uncertain_redshifts_note(sums["counts"], typical)
+    notes = _describe_uncertain_redshifts(sums["counts"], typical)
     has_luminosity = luminosity is not None
     histogram, faintest = _select_far_counts(sums["bright"], typical, cosmology), max(sums["faintest"], default=np.nan)
     if use and not has_luminosity:
@@ -465,11 +465,11 @@ def calibrate(
             "no magnitudes: distances follow from redshifts alone, and sources with distance errors above 5 % have the "
             "mean weight of their redshift"
         )
-        notes += _large_errors_note(sums["sizes"])
+        notes += _describe_large_errors(sums["sizes"])
     return replace(bare, density=_make_density(density, faintest if use else None, sums, bare), notes=tuple(notes))
 
 
-def bare_calibration(
+def make_bare_calibration(
     field: Field | Parts, redshift_frame: str | None, dispersion: float, cosmology: Cosmology
 ) -> Calibration:
     """The frame of the redshifts alone."""
@@ -481,7 +481,7 @@ def bare_calibration(
 _UNSURE, _UNCERTAIN_SHARE = 2.0, 0.02
 
 
-def _uncertain_redshifts_note(counts, typical):
+def _describe_uncertain_redshifts(counts, typical):
     """A note where some redshifts are much less certain than most, as photometric ones among spectroscopic ones."""
     totals = counts[:, 1:].sum(axis=1)
     error = np.sqrt(counts[:, 0] / np.maximum(totals, 1.0))
@@ -499,7 +499,7 @@ def _uncertain_redshifts_note(counts, typical):
 _EDGES, _FEW_SHARE = np.linspace(-8, 18, 261), 0.02
 
 
-def _large_errors_note(counts):
+def _describe_large_errors(counts):
     """A note where few sources have half of the variance, by whose mean sources of one redshift are weighted."""
     variances = counts * 10 ** _EDGES[1:]
     above = np.cumsum(variances[::-1])[::-1]

@@ -412,12 +412,10 @@ def combine_frames(
 def _note_copies(sources, labels):
     """Note each pair of catalogues with the same values: one of them is no measurement of its own."""
     notes = []
-    for (i, one), (j, two) in combinations(enumerate(labels), 2):
+    for (i, a), (j, b) in combinations(enumerate(labels), 2):
         at = np.flatnonzero(sources.seen[i] & sources.seen[j])
         if len(at) and (same := count_same(_make_difference_field(sources, i, j, at, 0.0))) > len(at) / 2:
-            text = (
-                f"warning: {same} of {len(at)} sources have the same values in {one} and {two}: leave one of them out"
-            )
+            text = f"warning: {same} of {len(at)} sources have the same values in {a} and {b}: leave one of them out"
             notes.append(CodedNote(text, DOUBT))
     return tuple(notes)
 
@@ -510,7 +508,7 @@ class _Noise:
     def is_near(self, other):
         """Return whether another is the same but for what changes nothing."""
         pairs = ((self.correlation, other.correlation), (np.sqrt(self.factors), np.sqrt(other.factors)))
-        return all(np.allclose(own, others, atol=1e-4) for own, others in pairs)
+        return all(np.allclose(mine, other_array, atol=1e-4) for mine, other_array in pairs)
 
 
 def _make_independent_noise(sources, n_modes):

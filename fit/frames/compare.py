@@ -303,7 +303,7 @@ class FrameComparison(FrameResult, AboutSolution):
         with 20 to 100 sources whose errors differ by factors of two (student, excess-noise, bootstrap), on 0 to 10 % by
         the jackknife.
         """
-        return self._deformation_p_value(1.0)
+        return self._compute_deformation_p_value(1.0)
 
     @property
     def deformation_p_value_scaled(self) -> float:
@@ -313,9 +313,9 @@ class FrameComparison(FrameResult, AboutSolution):
         bright do not, or errors are wrong by more for some, neither is: with all noise of the fainter half shared 0.05
         came out on up to 46 % of skies.
         """
-        return self._deformation_p_value(self.factor)
+        return self._compute_deformation_p_value(self.factor)
 
-    def _deformation_p_value(self, factor):
+    def _compute_deformation_p_value(self, factor):
         at = np.flatnonzero(self.solution.modes.degrees > 1)
         if not at.size:
             return float("nan")
@@ -578,10 +578,10 @@ def _solve_with_covariance(fitted, modes, covariance):
     return replace(scaled, errors_from=scaled.errors_from.replace("the catalogue", "the covariance between sources"))
 
 
-def _restore_given_errors(clipped, scaled, given):
+def _restore_given_errors(clipped, scaled, formal):
     """The fit of what clipping by scaled errors left, with the errors given and what clipping does to them and χ²."""
     chi2_ratio, variance = scaled.chi2 / clipped.chi2, np.trace(clipped.covariance) / np.trace(scaled.covariance)
-    return replace(given, covariance=given.covariance * variance, chi2=given.chi2 / chi2_ratio, notes=clipped.notes)
+    return replace(formal, covariance=formal.covariance * variance, chi2=formal.chi2 / chi2_ratio, notes=clipped.notes)
 
 
 def _estimate_scatter_by_class(residuals, differences):

@@ -262,8 +262,8 @@ def _sum_block_products(observations, bounds, start, stop, modes, functions, att
     for k in range(stop - start):
         source_rows = slice(row_starts[k], row_starts[k + 1])
         if counts[k] > own_columns.shape[1]:
-            own = np.vstack([own_columns[source_rows], prior])
-            orthogonal, triangular = np.linalg.qr(own / np.maximum(np.linalg.norm(own, axis=0), 1e-300))
+            stacked = np.vstack([own_columns[source_rows], prior])
+            orthogonal, triangular = np.linalg.qr(stacked / np.maximum(np.linalg.norm(stacked, axis=0), 1e-300))
             if np.abs(np.diag(triangular)).min() > 1e-5:
                 fitted = orthogonal @ (orthogonal[: counts[k]].T @ columns[source_rows])
                 columns[source_rows] -= fitted[: counts[k]]
@@ -309,7 +309,7 @@ def solve(equations: TimeEquations) -> TimeSolution:
     covariance[np.ix_(free, free)] = covariance_root @ covariance_root.T
     shares = np.zeros(size)
     shares[free] = np.sum(directions[:, is_determined] ** 2, 1)
-    lost = tuple(equations.named(free, directions[:, i]) for i in np.flatnonzero(~is_determined))
+    held_names = tuple(equations.named(free, directions[:, i]) for i in np.flatnonzero(~is_determined))
     return TimeSolution(
         modes=modes,
         functions=functions,
@@ -320,6 +320,6 @@ def solve(equations: TimeEquations) -> TimeSolution:
         n_sources=equations.n_sources,
         attitude=equations.attitude,
         seen=shares.reshape(len(functions), -1),
-        lost=lost,
+        lost=held_names,
         notes=equations.notes,
     )

@@ -348,7 +348,7 @@ class TimeSolution(Result):
 
 def _test_against_zero(values, coefficient_covariance, is_seen):
     """Compute χ² against zero of the coefficients that are seen, and count those."""
-    seen = np.flatnonzero(is_seen)
-    if not len(seen):
+    rows = np.flatnonzero(is_seen)
+    if not len(rows):
         return 0.0, 0
-    return float(values[seen] @ np.linalg.solve(coefficient_covariance[np.ix_(seen, seen)], values[seen])), len(seen)
+    return float(values[rows] @ np.linalg.solve(coefficient_covariance[np.ix_(rows, rows)], values[rows])), len(rows)

@@ -194,12 +194,12 @@ class GalacticOrbit(Result):
         values, covariance = self.acceleration.value[1:], self.acceleration.covariance[1:, 1:]
         return chance_probability(float(values @ np.linalg.solve(covariance, values)), 2, self.acceleration.dof)
 
-    def compared(self, potential: Callable[[FloatArray], Any], *, height: float = 0.021) -> tuple[Vector, float]:
-        """An acceleration from a model of the Galaxy, and how probable ours is in its light.
+    def compare_with(self, acceleration: Callable[[FloatArray], Any], *, height: float = 0.021) -> tuple[Vector, float]:
+        """Compare with a model of the Galaxy: the acceleration by it, and how probable ours is in its light.
 
         Parameters
         ----------
-        potential : function of a position
+        acceleration : function of a position
             From galactocentric x, y, z [kpc; the Sun at (−R0, 0, height), x towards the centre, y along rotation] to an
             acceleration along the same axes, (3,) [km/s/Myr, or a Quantity of any acceleration]. Of gala it is
             ``lambda x: potential.acceleration(x * u.kpc)``; of galpy (fr x/R, fr y/R, fz) of `evaluateRforces` and
@@ -219,18 +219,18 @@ class GalacticOrbit(Result):
         ParameterError
             If the function does not give three finite numbers.
         """
-        if not callable(potential):
-            raise ParameterError(f"potential is a function of a position, not {type(potential).__name__}")
-        force = potential(np.array([-self.r0, 0.0, number("height", height)]))
-        if hasattr(force, "to_value"):
+        if not callable(acceleration):
+            raise ParameterError(f"acceleration is a function of a position, not {type(acceleration).__name__}")
+        components = acceleration(np.array([-self.r0, 0.0, number("height", height)]))
+        if hasattr(components, "to_value"):
             try:
-                force = force.to_value("km / (s Myr)")
+                components = components.to_value("km / (s Myr)")
             except (ValueError, TypeError) as error:  # astropy's UnitConversionError is one
-                raise ParameterError(f"the potential gives no acceleration: {error}") from None
-        force = np.asarray(force, float).ravel()
-        if force.shape != (3,) or not np.isfinite(force).all():
-            raise ParameterError(f"the potential must give three finite components of an acceleration, not {force}")
-        prediction = force * KM_S_MYR
+                raise ParameterError(f"the function gives no acceleration: {error}") from None
+        components = np.asarray(components, float).ravel()
+        if components.shape != (3,) or not np.isfinite(components).all():
+            raise ParameterError(f"acceleration must give three finite components, not {components}")
+        prediction = components * KM_S_MYR
         residual = replace(self.acceleration, value=self.acceleration.value - prediction)
         return Vector(prediction, np.zeros((3, 3)), "galactic"), residual.p_value
 

@@ -333,17 +333,17 @@ class ShearByClass(Result):
         i : int
             Number of the class.
         """
-        return self._p_value(np.eye(len(self))[[i]])
+        return self._compute_p_value(np.eye(len(self))[[i]])
 
     def equality(self) -> float:
         """p-value of classes that all have one tensor."""
-        return self._p_value(np.diff(np.eye(len(self)), axis=0))
+        return self._compute_p_value(np.diff(np.eye(len(self)), axis=0))
 
     def growth(self) -> float:
         """p-value of a tensor that does not change linearly with the places of the classes."""
-        return self._p_value(self._slope_weights[None]) if len(self) > 1 else np.nan
+        return self._compute_p_value(self._slope_weights[None]) if len(self) > 1 else np.nan
 
-    def _p_value(self, contrasts):
+    def _compute_p_value(self, contrasts):
         """The mean over draws of the p-value that linear combinations of classes, (r, K), are zero."""
         if not len(contrasts):
             return np.nan

@@ -260,11 +260,11 @@ def _solve(field, rates, names, dispersion):
         error_covariance = errors + rates.variance * np.stack([across[0] ** 2, across[1] ** 2, across[0] * across[1]])
         if is_free:
             _check_separable(
-                _normal_equations(design, field.motion, _invert_covariances(error_covariance, 0.0, rates)[0])[0], names
+                _sum_equations(design, field.motion, _invert_covariances(error_covariance, 0.0, rates)[0])[0], names
             )
             dispersion = _fit_dispersion(design, field.motion, error_covariance, rates)
         weights, _ = _invert_covariances(error_covariance, dispersion, rates)
-        normal, rhs = _normal_equations(design, field.motion, weights)
+        normal, rhs = _sum_equations(design, field.motion, weights)
         _check_separable(normal, names)
         values = np.linalg.solve(normal, rhs)
         model = np.tensordot(values[:3], design[:3], 1)
@@ -294,7 +294,7 @@ def _invert_covariances(error_covariance, dispersion, rates):
     return np.stack([b, a, -c]) / determinant, float(np.log(determinant).sum())
 
 
-def _normal_equations(design, motion, weights):
+def _sum_equations(design, motion, weights):
     product = multiply_weights(weights, design).reshape(len(design), -1)
     return product @ design.reshape(len(design), -1).T, product @ motion.ravel()
 
@@ -305,7 +305,7 @@ def _fit_dispersion(design, motion, error_covariance, rates):
 
     def deviance(dispersion):
         weights, logdet = _invert_covariances(error_covariance, dispersion, rates)
-        normal, rhs = _normal_equations(design, motion, weights)
+        normal, rhs = _sum_equations(design, motion, weights)
         chi2 = np.sum(motion * multiply_weights(weights, motion)) - rhs @ np.linalg.solve(normal, rhs)
         return logdet + chi2 + np.linalg.slogdet(normal)[1]
 

@@ -46,7 +46,7 @@ class Additive:
     def _combine(self, other, sign):
         raise NotImplementedError
 
-    def _with_sums(self, other, sign, names):
+    def _combine_sums(self, other, sign, names):
         """Copy with the sums of another added or taken away, and the notes of both."""
         sums = {name: getattr(self, name) + sign * getattr(other, name) for name in names}
         return replace(cast(Any, self), **sums, notes=merge_notes(self.notes, other.notes))
@@ -119,11 +119,11 @@ class NormalEquations(Additive, Frozen):
         if not isinstance(other, NormalEquations):
             return NotImplemented
         if other.modes != self.modes:
-            mine, theirs = (
+            degree, other_degree = (
                 modes.lmax if type(self.modes) is type(other.modes) else modes for modes in (self.modes, other.modes)
             )
             raise ModesError(
-                f"normal equations of degree {mine} and {theirs} cannot be added: use the same lmax for both"
+                f"normal equations of degree {degree} and {other_degree} cannot be added: use the same lmax for both"
             )
         if None not in (self.unit, other.unit) and self.unit != other.unit:
             raise ModesError(
@@ -139,7 +139,7 @@ class NormalEquations(Additive, Frozen):
         elif other.n_data and self.n_data and (self.templates or other.templates):
             raise ModesError("cannot add normal equations with templates and without")
         return replace(
-            self._with_sums(other, sign, ("matrix", "rhs", "chi2_null", "n_data")),
+            self._combine_sums(other, sign, ("matrix", "rhs", "chi2_null", "n_data")),
             frame=self.frame or other.frame,
             prior=self._combine_priors(other, sign),
             unit=other.unit if self.unit is None else self.unit,
@@ -228,8 +228,8 @@ def gaussian_prior(
     return replace(equations, prior=equations)
 
 
-def _check_same_templates(own, other):
+def _check_same_templates(first, second):
     """Raise ModesError where two sets of templates differ."""
-    names = [[field.name for field in fields] for fields in (own, other)]
-    if names[0] != names[1] or not all(np.array_equal(a.values, b.values) for a, b in zip(own, other, strict=True)):
+    names = [[field.name for field in templates] for templates in (first, second)]
+    if names[0] != names[1] or not all(np.array_equal(a.values, b.values) for a, b in zip(first, second, strict=True)):
         raise ModesError("cannot add normal equations of different templates: give all of them the same maps")

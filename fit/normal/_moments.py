@@ -273,4 +273,4 @@ class Moments(Additive, Result):
             raise ModesError(f"cannot add moments of values in {self.unit or 'no unit'} and {other.unit or 'no unit'}")
         lmax = min(self.lmax, other.lmax)
         names = ("weights", "motions", "chi2_null", "n_data")
-        return self.to_degree(lmax)._with_sums(other.to_degree(lmax), sign, names)
+        return self.to_degree(lmax)._combine_sums(other.to_degree(lmax), sign, names)

@@ -83,9 +83,9 @@ def solve(
         return floor.allowed_for(partial(solve, prior=prior, max_condition=max_condition), normal)
     if prior is not None:
         normal = normal + prior
-    factor, scale = _factorise(normal, max_condition)
-    covariance = cho_solve(factor, np.diag(scale)) * scale[:, None]
-    values = scale * cho_solve(factor, scale * normal.rhs)
+    factor, scales = _factorise(normal, max_condition)
+    covariance = cho_solve(factor, np.diag(scales)) * scales[:, None]
+    values = scales * cho_solve(factor, scales * normal.rhs)
     chi2, notes = float(normal.chi2_null - values @ normal.rhs), drop_empty_notes(normal.notes)
     if normal.templates:
         names = ", ".join(template.name for template in normal.templates)
@@ -97,7 +97,7 @@ def solve(
     if chi2 < 1e-11 * normal.chi2_null and normal.n_data > len(normal.modes):
         # The difference of two numbers that are equal to eleven digits.
         chi2, notes = max(chi2, 0.0), (*notes, _ROUNDING_NOTE)
-    common: dict[str, Any] = {
+    shared: dict[str, Any] = {
         "covariance": (covariance + covariance.T) / 2,
         "chi2": chi2,
         "n_data": normal.n_data,
@@ -106,8 +106,8 @@ def solve(
         "by_prior": by_prior,
     }
     if isinstance(normal.modes, ScalarModes):
-        return ScalarSolution(coefficients=ScalarCoefficients(normal.modes, values), **common, unit=normal.unit or "")
-    return Solution(coefficients=Coefficients(normal.modes, values), **common, unit=normal.unit or "µas/yr")
+        return ScalarSolution(coefficients=ScalarCoefficients(normal.modes, values), **shared, unit=normal.unit or "")
+    return Solution(coefficients=Coefficients(normal.modes, values), **shared, unit=normal.unit or "µas/yr")
 
 
 @arguments.accepts()

@@ -62,15 +62,15 @@ class PairSums:
         degrees = modes.degrees[: len(toroidal)]
         power_t, power_s = (np.bincount(degrees, x, self.lmax + 1)[1:].astype(float) for x in (toroidal, spheroidal))
         l = np.arange(self.lmax + 1)
-        own = np.multiply.outer(self.self_pairs, (2 * l + 1) / (4 * np.pi))
+        self_sum = np.multiply.outer(self.self_pairs, (2 * l + 1) / (4 * np.pi))
         weights, numbers = (
             np.bincount(scalar.degrees, values**2 / scalar.norm2, self.lmax + 1) for values in (self.weights, self.ones)
         )
-        if weights[0] - own[1][0] < _LEAST_PAIRED_SHARE * weights[0]:  # what is left of it would be rounding
+        if weights[0] - self_sum[1][0] < _LEAST_PAIRED_SHARE * weights[0]:  # what is left of it would be rounding
             raise FieldError(
                 "one source has all the weight, and no pair of two has any: look at its error, or leave it out"
             )
-        return power_t + power_s - own[0, 1:], power_t - power_s, weights - own[1], numbers - own[2]
+        return power_t + power_s - self_sum[0, 1:], power_t - power_s, weights - self_sum[1], numbers - self_sum[2]
 
 
 def sum_pairs(
@@ -173,8 +173,8 @@ def _compute_cross_terms(blocks, plus, minus, weight):
         if l == 0:
             continue
         t, s = (motions[:, modes.slice_of(kind, l)] for kind in modes.kinds)
-        tt, ss, own = t @ t.T, s @ s.T, np.diag(self_sums[:, 0] * (2 * l + 1) / (4 * np.pi))
-        terms += plus[:, l - 1, None, None] * (tt + ss - own) + minus[:, l - 1, None, None] * (tt - ss)
+        tt, ss, self_sum = t @ t.T, s @ s.T, np.diag(self_sums[:, 0] * (2 * l + 1) / (4 * np.pi))
+        terms += plus[:, l - 1, None, None] * (tt + ss - self_sum) + minus[:, l - 1, None, None] * (tt - ss)
     return terms
 
 

@@ -60,18 +60,18 @@ class CompressedLikelihood:
     hubble: float
     frame: str
 
-    def __call__(self, spreads: FloatArray) -> Any:
-        """c (n,), û (n, 3), M (n, 3, 3) at spreads, excess noises and sizes of the flow, inside the limits."""
-        c, peak, matrix = np.split(self._interpolate(spreads, slice(0, 10)), [1, 4], axis=1)
+    def __call__(self, arguments: FloatArray) -> Any:
+        """Interpolate c (n,), û (n, 3), M (n, 3, 3) at spreads, excess noises and flow sizes, (3, n), within limits."""
+        c, peak, matrix = np.split(self._interpolate(arguments, slice(0, 10)), [1, 4], axis=1)
         return c[:, 0], peak, _fill_symmetric(matrix)
 
-    def acceleration(self, spreads: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def acceleration(self, arguments: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean (n, 3) and covariance (n, 3, 3) of ã, given all the rest."""
-        mean, slope, covariance = np.split(self._interpolate(spreads, slice(10, 28)), [3, 12], axis=1)
+        mean, slope, covariance = np.split(self._interpolate(arguments, slice(10, 28)), [3, 12], axis=1)
         return mean + np.einsum("nij,nj->ni", slope.reshape(-1, 3, 3), u), _fill_symmetric(covariance)
 
-    def _interpolate(self, spreads, selection):
-        bases = [axis.basis(np.asarray(value)) for axis, value in zip(self.axes, spreads, strict=True)]
+    def _interpolate(self, arguments, selection):
+        bases = [axis.basis(np.asarray(value)) for axis, value in zip(self.axes, arguments, strict=True)]
         planes = np.tensordot(bases[2], self.coefficients[selection], (1, 3))  # (n, f, n_s, n_x)
         curves = np.einsum("nx,nfsx->nfs", bases[1], planes)
         return np.einsum("ns,nfs->nf", bases[0], curves)
@@ -109,11 +109,11 @@ class LikelihoodFunctions:
 
 def compress_likelihood(functions: LikelihoodFunctions, limits: Sequence[tuple[float, float]]) -> CompressedLikelihood:
     """Tabulate the likelihood between the limits of s, x and q."""
-    (_, widest), (_, noisiest), (_, largest) = limits
-    noise = float(np.sqrt(functions.rows.smallest_variance))
-    scales = max(noise / functions.rows.largest_rate, 1e-6 * max(widest, 1e-30)), noise, largest
+    (_, max_spread), (_, max_noise), (_, max_flow) = limits
+    min_noise = float(np.sqrt(functions.rows.smallest_variance))
+    scales = max(min_noise / functions.rows.largest_rate, 1e-6 * max(max_spread, 1e-30)), min_noise, max_flow
     axes = [Axis(*limit, scale, 1 if limit[0] == limit[1] else 12) for limit, scale in zip(limits, scales, strict=True)]
-    _check_separable(functions, widest, noisiest)
+    _check_separable(functions, max_spread, max_noise)
     for i in range(3):  # each axis along the sharp edge of the others
         edge_axes = [Axis(axis.low, axis.low, axis.scale, 1) for axis in axes]
         while axes[i].count > 1:
@@ -137,8 +137,8 @@ def _refine(axis):
 def _tabulate(functions, axes):
     nodes = np.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
     values = functions.at(*(node.ravel() for node in nodes)).reshape(-1, *nodes[0].shape)
-    for axis, table_axis in enumerate(axes):
-        values = table_axis.to_coefficients(values, axis + 1)
+    for axis_number, axis in enumerate(axes):
+        values = axis.to_coefficients(values, axis_number + 1)
     return CompressedLikelihood(tuple(axes), values, functions.rows.hubble, functions.rows.frame)
 
 
@@ -167,9 +167,9 @@ def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame
 
 
 def _check_separable(functions, dispersion, excess_noise):
-    keep = slice(0, 9 if functions.spin is not None else 6)
-    matrix = functions.rows.sums(dispersion, excess_noise, threads=functions.threads).matrix[keep, keep]
-    names = ["v_x", "v_y", "v_z", "a_x", "a_y", "a_z", "omega_x", "omega_y", "omega_z"][keep]
+    block = slice(0, 9 if functions.spin is not None else 6)
+    matrix = functions.rows.sums(dispersion, excess_noise, threads=functions.threads).matrix[block, block]
+    names = ["v_x", "v_y", "v_z", "a_x", "a_y", "a_z", "omega_x", "omega_y", "omega_z"][block]
     check_determined(matrix, names, functions.rows.n_data // 2)
 
 
@@ -178,10 +178,10 @@ def _find_largest_error(likelihood, functions, points=24):
     t = (np.arange(points) + 0.5) / points
     stride = 0.6180339887 * points
     fractions = (t, (t * stride) % 1, (t * stride**2) % 1)  # all over the cube, and the same every time
-    spreads = np.stack([axis.at(fraction) for axis, fraction in zip(likelihood.axes, fractions, strict=True)])
-    exact = functions.at(*spreads)
+    arguments = np.stack([axis.at(fraction) for axis, fraction in zip(likelihood.axes, fractions, strict=True)])
+    exact = functions.at(*arguments)
     c0, peak0, m0 = exact[0], exact[1:4].T, _fill_symmetric(exact[4:10].T)
-    c1, peak1, m1 = likelihood(spreads)
+    c1, peak1, m1 = likelihood(arguments)
     depth = 1 + 0.01 * (c0.max() - c0)
     shift = peak0 - peak1
     peak_error = np.sqrt(np.abs(np.einsum("ni,nij,nj->n", shift, m0, shift)))
@@ -226,17 +226,17 @@ class ParallaxModel:
         """Log posterior density of coordinates (n, d), up to a constant."""
         total = self.priors.log(theta[:, 3:])
         is_allowed = np.isfinite(total)
-        spreads, ratio = self.likelihood_arguments(theta[is_allowed, 3:])
+        arguments, ratio = self.likelihood_arguments(theta[is_allowed, 3:])
         u, v = self.velocities(theta[is_allowed])
-        c, peak, matrix = self.likelihood(spreads)
+        c, peak, matrix = self.likelihood(arguments)
         offset = u - peak
         total[is_allowed] += c - np.einsum("ni,nij,nj->n", offset, matrix, offset) / 2
         total[is_allowed] += self.priors.velocity.log(v) + self.log_jacobian(ratio)
         return np.where(np.isnan(total), -np.inf, total)
 
-    def likelihood_arguments(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def likelihood_arguments(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
         """s, x and q of the likelihood, (3, n), and H0/H_ref, from the free numbers (n, k)."""
-        columns = dict(zip(self.priors.free, numbers.T, strict=True))
+        columns = dict(zip(self.priors.free, parameters.T, strict=True))
         ratio = columns["H0"] / self.likelihood.hubble
         dispersion = (
             columns["peculiar_dispersion"] * ratio
@@ -254,11 +254,11 @@ class ParallaxModel:
         return np.stack(clipped), ratio
 
     def marginalise_velocity(
-        self, numbers: FloatArray, with_priors: bool = True
+        self, parameters: FloatArray, with_priors: bool = True
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log of the posterior at free numbers (n, k), a Gaussian v marginalised exactly; its mean and covariance."""
-        spreads, ratio = self.likelihood_arguments(numbers)
-        c, peak, matrix = self.likelihood(spreads)
+        arguments, ratio = self.likelihood_arguments(parameters)
+        c, peak, matrix = self.likelihood(arguments)
         prior = self.priors.velocity
         data = matrix * ratio[:, None, None] ** 2
         pull = np.einsum("nij,nj->ni", matrix, peak) * ratio[:, None] + prior.precision @ prior.mean
@@ -271,56 +271,56 @@ class ParallaxModel:
             log += np.linalg.slogdet(prior.precision)[1] / 2
         if prior.flat_in_product:
             log += 3 * np.log(ratio)
-        return (self.priors.log(numbers) + log if with_priors else log), mean, covariance
+        return (self.priors.log(parameters) + log if with_priors else log), mean, covariance
 
     def start(self, rng: np.random.Generator, walkers: int) -> FloatArray:
         """Coordinates of walkers, (walkers, d): candidates drawn, weighed, and drawn again around the best."""
         lower, upper = np.transpose([self.priors.limits(name) for name in self.priors.free])
         n_candidates = max(4000, 20 * walkers)
         shape = n_candidates, len(lower)
-        numbers, log_drawn = rng.uniform(lower, upper, shape), 0.0
+        parameters, log_drawn = rng.uniform(lower, upper, shape), 0.0
         for _ in range(4):
-            velocity, log_first = self.draw_velocity(rng, numbers)
-            theta = np.column_stack([velocity, numbers])
-            log_weight = self.log_probability(theta) - log_drawn - log_first
+            velocity, log_velocity = self.draw_velocity(rng, parameters)
+            theta = np.column_stack([velocity, parameters])
+            log_weight = self.log_probability(theta) - log_drawn - log_velocity
             if not np.isfinite(log_weight).any():
                 raise ParameterError("the posterior is zero wherever it was tried: priors and data exclude each other")
             weight = np.exp(log_weight - log_weight.max())
             weight /= weight.sum()
-            mean = weight @ numbers
-            width = np.sqrt(weight @ (numbers - mean) ** 2) * 1.5 + 1e-6 * (upper - lower)
-            best = theta[np.argsort(-(log_weight + rng.gumbel(size=len(numbers))))[:walkers]]
+            mean = weight @ parameters
+            width = np.sqrt(weight @ (parameters - mean) ** 2) * 1.5 + 1e-6 * (upper - lower)
+            best = theta[np.argsort(-(log_weight + rng.gumbel(size=len(parameters))))[:walkers]]
             # One in ten anywhere, so that no weight runs away; what falls outside has no density.
-            anywhere = rng.uniform(size=(n_candidates, 1)) < 0.1
-            numbers = np.where(anywhere, rng.uniform(lower, upper, shape), rng.normal(mean, width, shape))
-            numbers = numbers[((numbers >= lower) & (numbers <= upper)).all(1)]
+            is_anywhere = rng.uniform(size=(n_candidates, 1)) < 0.1
+            parameters = np.where(is_anywhere, rng.uniform(lower, upper, shape), rng.normal(mean, width, shape))
+            parameters = parameters[((parameters >= lower) & (parameters <= upper)).all(1)]
             log_gaussian = np.log(0.9) - np.sum(
-                ((numbers - mean) / width) ** 2 / 2 + np.log(width * np.sqrt(2 * np.pi)), 1
+                ((parameters - mean) / width) ** 2 / 2 + np.log(width * np.sqrt(2 * np.pi)), 1
             )
             log_drawn = np.logaddexp(log_gaussian, np.log(0.1) - np.log(upper - lower).sum())
         return best
 
     def draw_velocity(
-        self, rng: np.random.Generator | np.random.RandomState, numbers: FloatArray
+        self, rng: np.random.Generator | np.random.RandomState, parameters: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """The first three coordinates given the rest, (n, 3), and the log-density they were drawn with."""
-        mean, root, logdet = self._velocity_given_numbers(numbers)
+        mean, root, root_logdet = self._compute_velocity_gaussian(parameters)
         unit = rng.standard_normal(mean.shape)
-        return mean + np.einsum("nij,nj->ni", root, unit), -np.sum(unit**2, 1) / 2 - logdet
+        return mean + np.einsum("nij,nj->ni", root, unit), -np.sum(unit**2, 1) / 2 - root_logdet
 
     def log_density_of_velocity(self, theta: FloatArray) -> FloatArray:
         """The log-density with which `draw_velocity` gives the first three of coordinates (n, d)."""
-        mean, root, logdet = self._velocity_given_numbers(theta[:, 3:])
+        mean, root, root_logdet = self._compute_velocity_gaussian(theta[:, 3:])
         unit = np.linalg.solve(root, (theta[:, :3] - mean)[..., None])[..., 0]
-        return -np.sum(unit**2, 1) / 2 - logdet
+        return -np.sum(unit**2, 1) / 2 - root_logdet
 
-    def _velocity_given_numbers(self, numbers):
-        """Mean, root of the covariance and its log-determinant of the first three coordinates, given the rest."""
-        spreads, ratio = self.likelihood_arguments(numbers)
+    def _compute_velocity_gaussian(self, parameters):
+        """Mean, root of the covariance and log-determinant of that root, of the first three coordinates."""
+        arguments, ratio = self.likelihood_arguments(parameters)
         if self.priors.velocity.gaussian:
-            _, mean, covariance = self.marginalise_velocity(numbers)
+            _, mean, covariance = self.marginalise_velocity(parameters)
         else:
-            _, mean, matrix = self.likelihood(spreads)
+            _, mean, matrix = self.likelihood(arguments)
             mean, covariance = mean / ratio[:, None], np.linalg.inv(matrix) / ratio[:, None, None] ** 2
         if self.along == "u":
             mean, covariance = mean * ratio[:, None], covariance * ratio[:, None, None] ** 2
@@ -329,17 +329,17 @@ class ParallaxModel:
 
     def to_samples(self, theta: FloatArray, rng: np.random.Generator) -> dict[str, FloatArray]:
         """Convert the samples to quantities by name: v, H0, the others, and ã, drawn given them."""
-        numbers = theta[:, 3:]
-        spreads, _ = self.likelihood_arguments(numbers)
+        parameters = theta[:, 3:]
+        arguments, _ = self.likelihood_arguments(parameters)
         u, v = self.velocities(theta)
         samples = dict(zip(("v_x", "v_y", "v_z"), v.T)) | {"speed": np.linalg.norm(v, axis=1)}
-        samples |= dict(zip(self.priors.free, numbers.T))
-        mean, covariance = self.likelihood.acceleration(spreads, u)
+        samples |= dict(zip(self.priors.free, parameters.T))
+        mean, covariance = self.likelihood.acceleration(arguments, u)
         acceleration = mean + np.einsum("nij,nj->ni", np.linalg.cholesky(covariance), rng.standard_normal(mean.shape))
         return samples | dict(zip(("a_x", "a_y", "a_z"), acceleration.T))
 
 
-def parallax_model(
+def make_parallax_model(
     equations: ParallaxEquations | ParallaxParts,
     priors: ModelPriors,
     spin: Literal["free"] | Vector | None = None,

@@ -16,8 +16,8 @@ from scipy.special import logsumexp
 
 from fit.posterior._model import ParallaxModel
 from fit.posterior._priors import HUBBLE_LIMITS, UNITS, ModelPriors
-from fit.posterior._sampling import ENOUGH, Flat, Normal, autocorrelation_times, make_inference_data, split_r_hat
-from fit.posterior._summary import SampleResult, Samples, sections_of
+from fit.posterior._sampling import ENOUGH, Flat, Normal, autocorrelate_chains, make_inference_data, split_r_hat
+from fit.posterior._summary import SampleResult, Samples, make_sections
 from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.tools.digits import format_three_digits
@@ -104,7 +104,7 @@ class Cells:
         upper = np.stack([edge[i + 1] for edge, i in zip(self.edges, cell_indices, strict=True)], axis=1)
         numbers = lower + (upper - lower) * rng.uniform(size=lower.shape)
         velocity, log_velocity = self.model.draw_velocity(rng, numbers)
-        return np.column_stack([velocity, numbers]), self._log_cell_density(cell_indices) + log_velocity
+        return np.column_stack([velocity, numbers]), self._compute_log_cell_density(cell_indices) + log_velocity
 
     def log_density(self, theta: FloatArray) -> FloatArray:
         """The log-density with which `draw` gives coordinates (n, d), up to the same constant."""
@@ -113,7 +113,7 @@ class Cells:
             cells = np.searchsorted(edge, column, side="right") - 1
             is_inside &= (cells >= 0) & (cells < edge.size - 1)
             cell_indices.append(np.clip(cells, 0, edge.size - 2))
-        log = np.where(is_inside, self._log_cell_density(tuple(cell_indices)), -np.inf)
+        log = np.where(is_inside, self._compute_log_cell_density(tuple(cell_indices)), -np.inf)
         return log + self.model.log_density_of_velocity(theta)
 
     def propose(self, coordinates: FloatArray, rng: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
@@ -140,7 +140,7 @@ class Cells:
         theta, log_probability = (np.concatenate(arrays)[:n] for arrays in zip(*batches, strict=True))
         return theta, log_probability
 
-    def _log_cell_density(self, cell_indices):
+    def _compute_log_cell_density(self, cell_indices):
         """The log-density within some cells."""
         log_volume = sum(np.log(np.diff(edge))[i] for edge, i in zip(self.edges, cell_indices, strict=True))
         with np.errstate(divide="ignore"):
@@ -241,7 +241,7 @@ class Posterior(SampleResult):
     @cached_property
     def autocorrelation(self) -> dict[str, float]:
         """Integrated autocorrelation time of each coordinate, by name; 1 of independent draws. [steps]"""
-        times = autocorrelation_times(self.chain) if self.method == "emcee" else np.ones(len(self.model.names))
+        times = autocorrelate_chains(self.chain) if self.method == "emcee" else np.ones(len(self.model.names))
         return dict(zip(self.model.names, map(float, times)))
 
     @property
@@ -294,7 +294,7 @@ class Posterior(SampleResult):
 
     def _sections(self, long):
         quantiles = self.hubble_by_prior if long else {}
-        return (*sections_of(self, long), *([_make_prior_section(quantiles)] if quantiles else []))
+        return (*make_sections(self, long), *([_make_prior_section(quantiles)] if quantiles else []))
 
     @cached_property
     def hubble_by_prior(self) -> dict[str, HubbleQuantiles]:
@@ -346,7 +346,7 @@ class Posterior(SampleResult):
         ConvergenceError
             If the chain is too short.
         """
-        chains = {name: self._chains(name)[:, :, 0].T for name in self.samples}
+        chains = {name: self._unravel(name)[:, :, 0].T for name in self.samples}
         log_probability = self.log_probability[self.burn_in :: self.thinning]
         return make_inference_data(chains, log_probability.T, self.frame, UNITS)
 

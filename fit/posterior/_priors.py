@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fit.posterior._sampling import Flat, Normal, Prior, as_prior, identify_function, is_integrable_with_inverse_cube
+from fit.posterior._sampling import Flat, Normal, Prior, identify_function, is_integrable_with_inverse_cube, make_prior
 from fit.secular_parallax import ASSUMED, DistanceModel, LocalGroup
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.digits import format_with_error
@@ -127,7 +127,7 @@ class Priors(InNotebook):
     acceleration: Vector | None = None
 
 
-def as_priors(
+def make_priors(
     velocity_prior: str | Vector | Callable[[FloatArray], FloatArray] | None,
     hubble_prior: str | tuple[float, float] | Prior | None,
     options: dict[str, Any],
@@ -222,10 +222,10 @@ def _describe_prior(prior):
     return f"{prior:g}" if isinstance(prior, float) else repr(prior)
 
 
-def checked_priors(priors: Priors, frame: str, model: DistanceModel | None = None) -> ModelPriors:
+def check_priors(priors: Priors, frame: str, model: DistanceModel | None = None) -> ModelPriors:
     """Priors as users give them, checked: ModelPriors."""
     velocity = make_velocity_prior(priors.velocity, frame)
-    hubble = as_prior(priors.hubble, "H0", _HUBBLE_PRIORS)
+    hubble = make_prior(priors.hubble, "H0", _HUBBLE_PRIORS)
     if not (velocity.proper or hubble.proper):
         raise ParameterError(
             "the data constrain only the product v · H0: with a flat prior on the velocity, that on H0 must be proper "
@@ -247,7 +247,7 @@ def checked_priors(priors: Priors, frame: str, model: DistanceModel | None = Non
         hubble,
         _check_number_or_prior(dispersion, "peculiar_dispersion"),
         _check_number_or_prior(priors.excess_noise, "excess_noise"),
-        1.0 if amplitude is None else as_prior(amplitude, "flow_amplitude"),
+        1.0 if amplitude is None else make_prior(amplitude, "flow_amplitude"),
         None if priors.acceleration is None else priors.acceleration.to_frame(frame),
     )
 
@@ -257,4 +257,4 @@ def _check_number_or_prior(value, name):
         if not 0 <= value < np.inf:
             raise ParameterError(f"{name} cannot be {value}: zero or more, or a prior, is expected")
         return float(value)
-    return as_prior(value, name)
+    return make_prior(value, name)

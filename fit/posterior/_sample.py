@@ -10,9 +10,9 @@ from typing import Any, Literal
 import numpy as np
 
 from fit.distances import declared_frame
-from fit.posterior._model import parallax_model
+from fit.posterior._model import make_parallax_model
 from fit.posterior._posterior import Cells, Posterior, check_grid_possible, make_cells_if_possible
-from fit.posterior._priors import ModelPriors, Priors, as_priors, checked_priors
+from fit.posterior._priors import ModelPriors, Priors, check_priors, make_priors
 from fit.posterior._sampling import Prior, Run, check_writable, identify_function, make_fingerprint
 from fit.results.storage import Result
 from fit.secular_parallax import (
@@ -51,7 +51,7 @@ def make_equations_and_priors(
     """The equations of a catalogue, and the priors along its axes."""
     model = DistanceModel(cosmology=cosmology, **_select_assumed(options))
     first_field = field if isinstance(field, Field) else next(iter(field))
-    model_priors = checked_priors(priors, first_field.frame, model)
+    model_priors = check_priors(priors, first_field.frame, model)
     rows = replace(model, peculiar_dispersion=model_priors.typical_dispersion).equations(field)
     if rows.n_own:
         raise ParameterError(
@@ -157,14 +157,14 @@ def sample(
     are to a new draw, and the report has the grid's H0 beside the chain's.
     """
     choice("method", method, ("emcee", "grid"))
-    priors = as_priors(velocity_prior, hubble_prior, options)
+    priors = make_priors(velocity_prior, hubble_prior, options)
     equations, model_priors = make_equations_and_priors(field, priors, cosmology, options)
     spin = priors.spin
     if method == "grid":  # before the likelihood is tabulated
         check_grid_possible(model_priors)
         if checkpoint is not None:
             raise ParameterError("independent draws from a grid are made at once: they take no checkpoint")
-    model: Any = parallax_model(equations, model_priors, spin, threads)
+    model: Any = make_parallax_model(equations, model_priors, spin, threads)
     n_walkers = n_walkers or 128
     if n_walkers < 2 * len(model.names):
         raise ParameterError(f"{n_walkers} walkers are too few for {len(model.names)} coordinates: take twice as many")
@@ -317,10 +317,10 @@ def grid(
     ParameterError
         If more than two numbers are free, or the velocity's prior is a function.
     """
-    priors = as_priors(velocity_prior, hubble_prior, options)
+    priors = make_priors(velocity_prior, hubble_prior, options)
     equations, model_priors = make_equations_and_priors(field, priors, cosmology, options)
     check_grid_possible(model_priors)
-    return summarise_cells(Cells.of(parallax_model(equations, model_priors, priors.spin, threads), n_points))
+    return summarise_cells(Cells.of(make_parallax_model(equations, model_priors, priors.spin, threads), n_points))
 
 
 def summarise_cells(cells: Cells) -> GridPosterior:

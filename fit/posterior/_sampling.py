@@ -127,7 +127,7 @@ def is_integrable_with_inverse_cube(prior: Prior) -> bool:
     return bool((np.diff(log_share) < -0.1).all() or np.isneginf(log_share).all())
 
 
-def as_prior(value: Any, name: str, known_priors: Mapping[str, Prior] | tuple[()] = ()) -> Any:
+def make_prior(value: Any, name: str, known_priors: Mapping[str, Prior] | tuple[()] = ()) -> Any:
     """A prior of one positive number: a prior, a pair (mean, σ), or one of the names."""
     priors = dict(known_priors)
     if isinstance(value, str):
@@ -203,7 +203,7 @@ def check_writable(path: PathName) -> None:
     check_not_read(path, f"the checkpoint {path}")
 
 
-def autocorrelation_times(chain: FloatArray) -> FloatArray:
+def autocorrelate_chains(chain: FloatArray) -> FloatArray:
     """Integrated autocorrelation times of a chain (steps, walkers, d), (d,); nan where a walker never moved. [steps]
 
     One at least: independent samples scatter about it.
@@ -298,7 +298,7 @@ class Run:
                 self._sample_until(target)
             if target >= self.max_steps:
                 break
-            slowest = float(np.max(autocorrelation_times(self.chain[:target])))
+            slowest = float(np.max(autocorrelate_chains(self.chain[:target])))
             if target >= ENOUGH * slowest:
                 break
             aimed_steps = _AIMED_TIMES * slowest if np.isfinite(slowest) else 4 * target

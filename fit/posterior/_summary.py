@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fit.posterior._priors import FITS_UNITS, HUBBLE_LIMITS, SHORT_NAMES, UNITS
-from fit.posterior._sampling import autocorrelation_times, make_inference_data, split_r_hat
+from fit.posterior._sampling import autocorrelate_chains, make_inference_data, split_r_hat
 from fit.results.storage import Result, checked_count, checked_strings
 from vsh.io import tables
 from vsh.io.sections import Section
@@ -76,13 +76,13 @@ class SampleResult(Result):
 
     def _compute_effective_sizes(self):
         """Effective number of independent samples of each quantity, by name."""
-        return {name: x.size / float(autocorrelation_times(self._chains(name))[0]) for name, x in self.samples.items()}
+        return {name: x.size / float(autocorrelate_chains(self._unravel(name))[0]) for name, x in self.samples.items()}
 
     def _compute_r_hats(self):
         """Split R̂ of each quantity, by name."""
-        return {name: float(split_r_hat(self._chains(name))[0]) for name in self.samples}
+        return {name: float(split_r_hat(self._unravel(name))[0]) for name in self.samples}
 
-    def _chains(self, name):
+    def _unravel(self, name):
         return np.asarray(self.samples[name]).reshape(-1, self.n_walkers)[:, :, None]
 
     def summary(self) -> dict[str, Interval]:
@@ -189,14 +189,14 @@ class Samples(SampleResult):
         ImportError
             If arviz is not installed.
         """
-        chains = {name: self._chains(name)[:, :, 0].T for name in self.samples}
+        chains = {name: self._unravel(name)[:, :, 0].T for name in self.samples}
         return make_inference_data(chains, None, self.frame, UNITS)
 
     def __repr__(self) -> str:
         return f"<Samples: {len(self.samples['H0'])} of {', '.join(self.samples)}, {self.frame}>"
 
     def _sections(self, long):
-        return (replace(summary_section(self, list_prior_facts(self.priors)), notes=self.notes),)
+        return (replace(make_summary(self, list_prior_facts(self.priors)), notes=self.notes),)
 
     def _pack(self):
         units = {name: FITS_UNITS[UNITS[name]] for name in self.samples if UNITS.get(name)}
@@ -225,11 +225,11 @@ def _read_walker_count(samples, header):
     return walkers
 
 
-def sections_of(posterior: Any, long: bool = True) -> tuple[Section, ...]:
+def make_sections(posterior: Any, long: bool = True) -> tuple[Section, ...]:
     """A posterior as sections."""
     facts = list_prior_facts(posterior.model.priors.in_words()) + _describe_origin(posterior) if long else []
     remarks = [*_find_limit_warnings(posterior), *_make_product_remarks(posterior)]
-    section = summary_section(posterior, facts, _find_names_fixed_by_prior(posterior.model.priors))
+    section = make_summary(posterior, facts, _find_names_fixed_by_prior(posterior.model.priors))
     return (replace(section, remarks=remarks, notes=posterior.notes),)
 
 
@@ -277,7 +277,7 @@ def _find_names_fixed_by_prior(priors):
     return ["v_x", "v_y", "v_z", "speed"] if is_sharp else []
 
 
-def summary_section(result: SampleResult, facts: Sequence[tuple[str, str]] = (), fixed: Sequence[str] = ()) -> Section:
+def make_summary(result: SampleResult, facts: Sequence[tuple[str, str]] = (), fixed: Sequence[str] = ()) -> Section:
     """Medians and intervals of a SampleResult; those that were given are marked as priors."""
     sizes, r_hat = result._compute_effective_sizes(), result._compute_r_hats()
     quality = f"{min(sizes.values()):.0f} independent samples at least, R̂ {max(r_hat.values()):.3f} at most"

@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 from fit.distances import calibrate_if_known, motions_per_velocity
 from fit.methods import estimate
 from fit.normal import NormalEquations, normal_equations, solve
-from fit.redshift._solution import FLOW_MATTERS, BinnedSolution, equality_chi2, make_shared_flow, slope_chi2
+from fit.redshift._solution import FLOW_MATTERS, BinnedSolution, find_equality_chi2, find_slope_chi2, make_shared_flow
 from fit.results.quality import ErrorSource
 from fit.results.solution import Solution
 from fit.secular_parallax import DistanceModel
@@ -465,14 +465,14 @@ def _compute_statistics(sums, sources, binned_solution, with_velocity):
     columns_by_kind = {kind: np.arange(6)[Modes(1).slice_of(kind, 1)] for kind in KINDS}
     values, covariance = _solve_bins(sums, sources, 6)
     statistics: dict[str, Any] = {
-        kind: equality_chi2(values[:, at], covariance[:, at][:, :, at]) for kind, at in columns_by_kind.items()
+        kind: find_equality_chi2(values[:, at], covariance[:, at][:, :, at]) for kind, at in columns_by_kind.items()
     }
     if len(binned_solution) > 1:
-        statistics["trend"] = slope_chi2(values, covariance, binned_solution.redshift)
+        statistics["trend"] = find_slope_chi2(values, covariance, binned_solution.redshift)
     if with_velocity:
         values, covariance = _solve_bins(sums, sources, 7)
         at = columns_by_kind["S"]
-        statistics["secular_parallax"] = equality_chi2(values[:, at], covariance[:, at][:, :, at])
+        statistics["secular_parallax"] = find_equality_chi2(values[:, at], covariance[:, at][:, :, at])
     return statistics
 
 

@@ -111,20 +111,20 @@ def compute_weights_and_dof(binned: Any) -> tuple[FloatArray, FloatArray]:
     return weight, np.array([max(s.dof, 1) for s in binned.solutions])
 
 
-def estimated_slope_chi2(estimate: tuple[FloatArray, float, FloatArray], q: int) -> float:
+def find_estimated_slope_chi2(estimate: tuple[FloatArray, float, FloatArray], q: int) -> float:
     """χ² of no slope, from what `gls` found for constants and slopes."""
     theta, _, theta_covariance = estimate
     return float(theta[q:] @ np.linalg.solve(theta_covariance[q:, q:], theta[q:]))
 
 
-def equality_chi2(values: FloatArray, covariance: FloatArray) -> float:
+def find_equality_chi2(values: FloatArray, covariance: FloatArray) -> float:
     """χ² of the differences of independent bins: values (B, q), covariance (B, q, q)."""
     weight = np.linalg.inv(covariance)
     weighted = np.einsum("bij,bj->bi", weight, values)
     return float(np.sum(values * weighted) - weighted.sum(0) @ np.linalg.solve(weight.sum(0), weighted.sum(0)))
 
 
-def slope_chi2(values: FloatArray, covariance: FloatArray, x: FloatArray) -> float:
+def find_slope_chi2(values: FloatArray, covariance: FloatArray, x: FloatArray) -> float:
     """χ² that a straight line takes away from independent bins: that of no slope."""
     weight = np.linalg.inv(covariance)
     design = np.stack([np.ones_like(x), x - x.mean()])
@@ -382,7 +382,7 @@ class BinnedSolution(Result):
         q = len(free_modes)
         slopes, matrix = quoted[0][q:], quoted[2][q:, q:]
         spin, acceleration = (_make_vector(self.modes, kind, slopes, matrix, free_modes, self.frame) for kind in KINDS)
-        chi2_pair = estimated_slope_chi2(scaled, q), estimated_slope_chi2(quoted, q)
+        chi2_pair = find_estimated_slope_chi2(scaled, q), find_estimated_slope_chi2(quoted, q)
         # Satterthwaite's (1946) degrees of freedom of a slope's scale, from each bin's share in its variance.
         weight, dof = compute_weights_and_dof(self)
         shares = weight * (x - weight @ x / weight.sum()) ** 2

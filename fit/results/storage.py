@@ -50,7 +50,7 @@ def is_same(one: Any, two: Any) -> bool:
     if isinstance(one, float) and isinstance(two, float) and np.isnan(one):
         return bool(np.isnan(two))
     if is_dataclass(one) and not isinstance(one, type) and type(one) is type(two):
-        return all(is_same(getattr(one, name), getattr(two, name)) for name in _attribute_names(type(one)) or ())
+        return all(is_same(getattr(one, name), getattr(two, name)) for name in _list_attributes(type(one)) or ())
     return bool(one == two)
 
 
@@ -62,7 +62,7 @@ def encode_value(value: Any) -> Any:
         return {"array": compressed_text, "kind": array.dtype.str, "shape": list(array.shape)}
     if type(value).__module__.split(".")[0] in ("fit", "vsh") and (is_dataclass(value) or hasattr(value, "_fields")):
         about = {"type": type(value).__name__, "module": type(value).__module__}
-        return about | {"fields": {name: encode_value(getattr(value, name)) for name in _attribute_names(type(value))}}
+        return about | {"fields": {name: encode_value(getattr(value, name)) for name in _list_attributes(type(value))}}
     if isinstance(value, np.bool_):
         return bool(value)
     if isinstance(value, (bool, int, np.integer)) or value is None:
@@ -78,7 +78,7 @@ def encode_value(value: Any) -> Any:
     return str(value)
 
 
-def _attribute_names(record_class):
+def _list_attributes(record_class):
     """Names of what a dataclass or a NamedTuple is made with; None for anything else."""
     if is_dataclass(record_class):
         return [entry.name for entry in fields(record_class) if entry.init]
@@ -116,7 +116,7 @@ def decode_value(plain: Any) -> Any:
     if not re.fullmatch(r"(fit|vsh)(\.\w+)+", plain["module"]):
         raise TableError(f"a {plain['type']}")
     record_class: Any = _import_class(plain["module"], plain["type"])
-    if _attribute_names(record_class) is None:
+    if _list_attributes(record_class) is None:
         raise TableError(f"a {plain['type']}")
     return record_class(**{name: decode_value(item) for name, item in plain["fields"].items()})
 
@@ -367,7 +367,7 @@ def read(path: PathName) -> Result:
             "import it first"
         ) from None
     try:
-        columns = {name: _to_native_array(name, table[name]) for name in table.colnames}
+        columns = {name: _convert_to_native_array(name, table[name]) for name in table.colnames}
         result = result_class._unpack(columns, metadata)
         _check_same(result, columns, table)
     except (VshError, KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
@@ -406,7 +406,7 @@ def _check_format(path):
         raise TableError(f"{printable(path)}: results are written as .ecsv or .fits, which keep every bit")
 
 
-def _to_native_array(name, column):
+def _convert_to_native_array(name, column):
     if np.any(getattr(column, "mask", False)):
         raise TableError(f"{np.sum(column.mask)} values of column {name} are missing")
     array = np.asarray(column)

@@ -147,7 +147,7 @@ def clip(
         solution = solve(normal)
         distances = partial(_compute_distances, solution=solution)
         if sky.in_memory is not None:  # once a round, for the median and the choice alike
-            distances = partial(_known_distances, values=distances(sky.in_memory))
+            distances = partial(_return_known_distances, values=distances(sky.in_memory))
         limit = threshold or limit_in_medians * float(median(sky, distances, f"clip, round {rounds}"))
         summary = sky.sum(
             partial(_count_within, distances=distances, limit=limit), roles=(), words=f"clip, round {rounds}"
@@ -225,7 +225,7 @@ def _compute_distances(field, solution):
     return np.sqrt(solution.residuals(field).chi2)
 
 
-def _known_distances(field, values):
+def _return_known_distances(field, values):
     """X of the field in memory, which was computed before."""
     return values
 
@@ -500,9 +500,9 @@ class _RestrictedLikelihood:
                 break
             if self.n_rounds >= max_rounds or np.all(np.abs(step) < 0.01 * errors) or parameters[0] == 0:
                 break
-            limits = np.array([0.0, 1e-6])[: len(step)]
-            for damping in (1.0, 0.5, 0.25, 0.1, 0.03):
-                trial = np.maximum(parameters + damping * np.clip(step, -2 * errors, 2 * errors), limits)
+            lower_limits = np.array([0.0, 1e-6])[: len(step)]
+            for fraction in (1.0, 0.5, 0.25, 0.1, 0.03):
+                trial = np.maximum(parameters + fraction * np.clip(step, -2 * errors, 2 * errors), lower_limits)
                 if self.compute_loss(trial)[0] <= value:
                     break
             parameters = trial

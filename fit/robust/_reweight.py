@@ -91,7 +91,7 @@ class StudentT:
             return self, 0.0
         nu, k = self.nu, self.components
         log, beyond, slope = (sums[name] / n for name in ("log", "beyond", "slope of beyond"))
-        # Derivatives of `_mean_log_t` in ν.
+        # Derivatives of `_compute_mean_log_t` in ν.
         constant = (digamma((nu + k) / 2) - digamma(nu / 2) - k / nu) / 2
         constant_slope = (polygamma(1, (nu + k) / 2) - polygamma(1, nu / 2)) / 4 + k / nu**2 / 2
         first = constant - log / 2 + (nu + k) / (2 * nu) * beyond
@@ -170,7 +170,7 @@ def _sum_log(values):
     return np.log(np.prod(values[:n_grouped].reshape(8, -1), axis=0)).sum() + np.log(values[n_grouped:]).sum()
 
 
-def _mean_log_t(nu, components, mean_log):
+def _compute_mean_log_t(nu, components, mean_log):
     """The mean of ln of the t density of k components, (1 + X²/ν)^{−(ν+k)/2} with its constant, from ⟨ln(1 + X²/ν)⟩."""
     constant = gammaln((nu + components) / 2) - gammaln(nu / 2) - components / 2 * np.log(nu)
     return constant - (nu + components) / 2 * mean_log
@@ -181,7 +181,7 @@ def _find_likeliest_nu(mean_logs, components):
     coefficients = chebyshev.chebfit(_NODES, mean_logs, len(_NODES) - 1)
     log_nu = np.linspace(_LOW, _HIGH, 4001)
     mean_log = chebyshev.chebval(2 * (log_nu - _LOW) / (_HIGH - _LOW) - 1, coefficients)
-    height = _mean_log_t(np.exp(log_nu), components, mean_log)
+    height = _compute_mean_log_t(np.exp(log_nu), components, mean_log)
     k = int(np.clip(np.argmax(height), 1, len(height) - 2))
     rise, bend = ((height[k + 1] - height[k - 1]) / 2, height[k + 1] - 2 * height[k] + height[k - 1])
     top = np.clip(-rise / bend, -1, 1) if bend < 0 else np.sign(rise)  # of the parabola through three points
@@ -392,7 +392,7 @@ def _fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least
         step = plain.covariance @ sums["score"] * (sums["information"] / sums["ψ'"])
         step = step if inverse is None else inverse @ sums["score"]
         if np.abs(step / plain.sigma).max() > _SLOW_STEP_RATIO * previous_change > 0:
-            inverse = np.linalg.inv(sky.sum(partial(_curvature, weigher=weigher, modes=modes), roles=(), words=words))
+            inverse = np.linalg.inv(sky.sum(partial(_sum_hessian, weigher=weigher, modes=modes), roles=(), words=words))
             step = inverse @ sums["score"]
         values = values + step
         weight, change = weight.take_newton_step(sums, n)
@@ -407,7 +407,7 @@ def _fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least
     return solution, SourceWeights(solution, weight, leverage), rounds, (n, sums["u"])
 
 
-def _curvature(field, weigher, modes):
+def _sum_hessian(field, weigher, modes):
     """Σ Aᵀ ψ'W A: the curvature of the likelihood where the residuals are."""
     return weighted_matrix(field, field.weights * _compute_score_factors(field, weigher)[2], modes)
 
@@ -451,7 +451,7 @@ def _iterate_to_convergence(sky, plain, weight, information, tolerance, max_roun
         models = weigher.models
         weigher = SourceWeights(solution, weight, leverage)
         weigher.models[:] = models
-        sums = sky.sum(partial(_weighted_equations, weigher=weigher, modes=modes), roles=(), words=words)
+        sums = sky.sum(partial(_make_weighted_equations, weigher=weigher, modes=modes), roles=(), words=words)
         solution = solve(sums["normal"])
         if rounds <= _ADAPTING_ROUNDS:  # held fixed later, so that all settles
             leverage = len(modes) / modes.components / sums["u"]
@@ -515,8 +515,8 @@ def _add_noise(field, noise):
 
 def _compute_log_likelihood(sky, weigher):
     """ln of the likelihood of a Student-t fit."""
-    sums = sky.sum(partial(_likelihood_terms, weigher=weigher), roles=(), words=f"{_LABEL}, likelihood")
-    mean = _mean_log_t(weigher.weight.nu, weigher.weight.components, sums["log"] / sums["sources"])
+    sums = sky.sum(partial(_sum_likelihood_terms, weigher=weigher), roles=(), words=f"{_LABEL}, likelihood")
+    mean = _compute_mean_log_t(weigher.weight.nu, weigher.weight.components, sums["log"] / sums["sources"])
     return float(sums["sources"] * mean - sums["logdet"] / 2)
 
 
@@ -524,7 +524,7 @@ def _sum_chi2(field, solution):
     return float(np.sum(solution.residuals(field).whitened ** 2))
 
 
-def _likelihood_terms(field, weigher):
+def _sum_likelihood_terms(field, weigher):
     log = _sum_log(1 + weigher(field)[0] / weigher.weight.nu)
     logdet = sum(field[rows].log_determinants.sum() for rows in slice_blocks(len(field)))
     return {"log": float(log), "logdet": float(logdet), "sources": len(field)}
@@ -534,7 +534,7 @@ def _sum_plain_equations(field, modes):
     return normal_equations(field, modes), float(field.information.sum())
 
 
-def _weighted_equations(field, weigher, modes):
+def _make_weighted_equations(field, weigher, modes):
     _, u, _, _ = weigher(field)
     normal = normal_equations(field.with_errors(field.sigma / np.sqrt(u)), modes)
     return {"normal": normal} | _sum_scale_terms(field, weigher)

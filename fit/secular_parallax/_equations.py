@@ -276,7 +276,7 @@ class ParallaxParts:
 
     def sums(self, *spreads: ArrayLike, **keywords: Any) -> ParallaxSums:
         """Compute the sums of `ParallaxEquations.sums`, with its arguments."""
-        work = partial(_sums_of, calibration=self.calibration, options=self.options, spreads=spreads, keywords=keywords)
+        work = partial(_sum_up, calibration=self.calibration, options=self.options, spreads=spreads, keywords=keywords)
         return self.sky.sum(work, roles=DISTANCES, words="secular parallax")
 
 
@@ -292,7 +292,7 @@ def _collect_facts(field, calibration, options):
     }
 
 
-def _sums_of(field, calibration, options, spreads, keywords):
+def _sum_up(field, calibration, options, spreads, keywords):
     return make_field_equations(field, calibration, **options).sums(*spreads, **keywords)
 
 

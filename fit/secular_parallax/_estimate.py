@@ -366,17 +366,17 @@ class VelocityForecast(Result):
 _FLOWS: dict[str, Any] = {"flows": "linear"}
 
 
-def _glide_options(error):
+def _make_glide_options(error):
     return {"acceleration": Vector(np.zeros(3), error**2 * np.eye(3))}
 
 
 KNOWN: dict[str, dict[str, Any]] = {
     "independent": {"peculiar_dispersion": 306.0, "flows": None},
     "flows": _FLOWS,
-    "+ glide 0.35": _FLOWS | _glide_options(0.35),
-    "+ glide 0.1": _FLOWS | _glide_options(0.1),
+    "+ glide 0.35": _FLOWS | _make_glide_options(0.35),
+    "+ glide 0.1": _FLOWS | _make_glide_options(0.1),
     "+ Local Group": _FLOWS | {"local_group": True},
-    "+ both": _FLOWS | _glide_options(0.1) | {"local_group": True},
+    "+ both": _FLOWS | _make_glide_options(0.1) | {"local_group": True},
 }
 
 

@@ -38,7 +38,7 @@ from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
 from vsh.vector import Vector
 
 
-def _vector_table(solution, truth, long):
+def _make_vector_table(solution, truth, long):
     """Velocity and acceleration by component, with the truth of a simulation, as a table of text."""
     rows = []
     if hasattr(solution, "velocity"):
@@ -48,17 +48,17 @@ def _vector_table(solution, truth, long):
             true = truth["velocity"].to_frame(solution.frame)
             expectation = replace(true, value=true.value * truth["hubble"] / solution.assumed_hubble)
             is_other = truth["hubble"] != solution.assumed_hubble
-            rows.append(_true_row(v, expectation, "+.1f", f"(simulated with H0 = {truth['hubble']:g})" * is_other))
+            rows.append(_make_true_row(v, expectation, "+.1f", f"(simulated with H0 = {truth['hubble']:g})" * is_other))
         if long:
             rows.append(("  galactic axes", *format_components(v.to_frame("galactic")), ""))
     a = solution.acceleration
     rows.append(("acceleration [µas/yr]", *format_components(a), format_amplitude(a)))
     if "acceleration" in truth:
-        rows.append(_true_row(a, truth["acceleration"].to_frame(solution.frame), "+.3f"))
+        rows.append(_make_true_row(a, truth["acceleration"].to_frame(solution.frame), "+.3f"))
     return tables.table_of_rows(("vector", "x", "y", "z", "amplitude"), rows)
 
 
-def _true_row(vector, true, form, remark=""):
+def _make_true_row(vector, true, form, remark=""):
     cells = (f"{x:{form}} ({pull:+.1f}σ)" for x, pull in zip(true.value, pulls(vector, true), strict=True))
     return ("  truth", *cells, remark)
 
@@ -79,7 +79,7 @@ def _judge_dispersion(solution):
     return True, f"the residuals {preferred_range}: results are biased where the dispersion is wrong, {remedy}"
 
 
-def _omitted_flow_warnings(solution):
+def _note_omitted_flow(solution):
     """The size of flows that errors leave out."""
     if solution.flow_covariance is None:
         return []
@@ -318,7 +318,7 @@ class ParallaxSolution(NamedSolution):
         if is_seen(a) and (long or is_velocity):
             facts.append(("acceleration", format_direction(a.to_frame("galactic"))))
         title = f"{quantity} from the secular parallax of galaxies"
-        section = Section(title, facts, _vector_table(self, truth or {}, long), remarks=_omitted_flow_warnings(self))
+        section = Section(title, facts, _make_vector_table(self, truth or {}, long), remarks=_note_omitted_flow(self))
         return (section, below) if long else (replace(section, notes=self.notes),)
 
     def _table_metadata(self):

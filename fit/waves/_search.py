@@ -88,12 +88,12 @@ def _compute_whitened_templates(white, modes, nside, copies):
     return basis, np.linalg.inv(np.einsum("iqn,jqn->nij", basis, basis))
 
 
-def simulated_p_value(maxima: FloatArray, largest: float) -> float:
+def compute_simulated_p_value(maxima: FloatArray, largest: float) -> float:
     """Compute (1 + number of skies that reach `largest`)/(1 + number of skies)."""
     return (1 + int(np.sum(maxima >= largest))) / (1 + len(maxima))
 
 
-def noise_maxima(white: WhitenedData, modes: Modes, nside: int, n_skies: int, rng: Rng, copies: int = 1) -> FloatArray:
+def draw_maxima(white: WhitenedData, modes: Modes, nside: int, n_skies: int, rng: Rng, copies: int = 1) -> FloatArray:
     """Compute the largest 2F of each of `n_skies` simulated skies of noise."""
     basis, inverse = _compute_whitened_templates(white, modes, nside, copies)
     root = np.linalg.cholesky(inverse)
@@ -317,8 +317,8 @@ def search(
 def _search_sky(white, modes, nside, n_skies, rng, copies=1, **attributes):
     """Search all directions; return the search, and the largest 2F of each sky of noise."""
     statistic, amplitudes, covariance = search_directions(white, modes, nside, copies)
-    maxima = noise_maxima(white, modes, nside, n_skies, rng, copies)
-    attributes |= {"p_value": simulated_p_value(maxima, statistic.max()), "n_skies": n_skies}
+    maxima = draw_maxima(white, modes, nside, n_skies, rng, copies)
+    attributes |= {"p_value": compute_simulated_p_value(maxima, statistic.max()), "n_skies": n_skies}
     limits = length_limits(amplitudes.T, covariance)
     return WaveSearch(statistic=statistic, amplitudes=amplitudes, limits=limits, **attributes), maxima
 
@@ -547,7 +547,7 @@ def search_in_time(
         amplitudes=np.array([wave_search.amplitude for wave_search in searches]),
         limits=np.array([np.quantile(wave_search.limits, [0, 0.5, 1]) for wave_search in searches]),
         p_values=np.array([wave_search.p_value for wave_search in searches]),
-        p_value=simulated_p_value(np.max(noise_maxima_by_frequency, axis=0), largest_statistics.max()),
+        p_value=compute_simulated_p_value(np.max(noise_maxima_by_frequency, axis=0), largest_statistics.max()),
         lost=np.array(lost),
         n_skies=n_skies,
         n_data=searches[0].n_data,

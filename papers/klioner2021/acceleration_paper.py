@@ -22,7 +22,7 @@ from fit.resample import bootstrap
 from fit.results.output import cell, plot_correlation, plot_residuals, plot_spectrum, write_html
 from fit.results.spectrum import spectrum
 from fit.robust import clip
-from study.referee._rows import papers
+from study.referee._rows import read_papers
 from vsh import Field
 from vsh.classes import Classes
 from vsh.commands.running import provenance
@@ -283,7 +283,7 @@ def draw(study: GaiaStudy, truth: Mapping[str, Any] | None = None) -> dict[str, 
 def _by_degree(rows, truth):
     (axes,) = panels(None, size=(WIDTH, 2.7))
     good = [(i + 1, row) for i, row in enumerate(rows) if row.resampled is not None]
-    published_numbers = [papers()["klioner2021"][f"g_{axis}"] for axis in "xyz"]
+    published_numbers = [read_papers()["klioner2021"][f"g_{axis}"] for axis in "xyz"]
     reference = truth["acceleration"].value if truth else [number.value for number in published_numbers]
     for k, (axis, colour) in enumerate(zip("xyz", COLOURS, strict=False)):
         x = np.array([lmax for lmax, _ in good]) + (k - 1) * 0.15
@@ -408,7 +408,7 @@ def published_table(study: GaiaStudy) -> Table:
     """Tabulate published numbers with ours."""
     main: Any = study.main
     g: Vector = main.resampled.acceleration
-    paper = papers()["klioner2021"]
+    paper = read_papers()["klioner2021"]
     rows: list[Any] = [("five-parameter sources", paper["sources"].value, np.nan, float(main.n_sources), np.nan)]
     magnitude = study.sources.field.magnitude
     if magnitude is not None:

@@ -110,9 +110,9 @@ def global_motion(
     field = harmonics(lon, lat, modes)
     names = [str(mode) for mode in modes]
     if not spin:
-        keep = np.ones(len(modes), bool)
-        keep[modes.slice_of("T", 1)] = False
-        field, names = field[keep], [name for name, is_included in zip(names, keep, strict=True) if is_included]
+        mask = np.ones(len(modes), bool)
+        mask[modes.slice_of("T", 1)] = False
+        field, names = field[mask], [name for name, is_included in zip(names, mask, strict=True) if is_included]
     weights = 1 / scatters**2
     return GlobalMotion(field.transpose(2, 1, 0) * (weights > 0)[:, None, None], weights, tuple(names), bool(spin))
 
@@ -125,7 +125,7 @@ LOW_DEGREES = 3
 _BLOCK_SOURCES = 2**16
 
 
-def source_slices(n: int) -> Iterator[slice]:
+def make_source_slices(n: int) -> Iterator[slice]:
     """Sources so many at a time that no copy of theirs is large."""
     return (slice(start, min(start + _BLOCK_SOURCES, n)) for start in range(0, n, _BLOCK_SOURCES))
 
@@ -140,7 +140,7 @@ class MotionFit:
         normal = np.zeros((p, p))
         #: What a source's motion adds to the right-hand sides, (p, 2, k).
         self.weighted_harmonics = scans.array(p, 2, len(self.sources))
-        for chunk in source_slices(len(self.sources)):
+        for chunk in make_source_slices(len(self.sources)):
             source_rows = self.sources[chunk]
             field = harmonics(scans.lon[source_rows], scans.lat[source_rows], modes)
             weights = np.linalg.inv(equations.formal[source_rows][:, 3:, 3:])

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from sim.agis._calibration import Calibration
-from sim.agis._globals import GlobalMotion, source_slices
+from sim.agis._globals import GlobalMotion, make_source_slices
 from sim.agis._results import AgisSolution
 from sim.agis._system import SMOOTHING_LIMIT, System
 from sim.agis.passes import FULL, Scans, check_memory, plan, scaled, scans
@@ -72,7 +72,7 @@ def start_errors(
     source_errors = random * rng.standard_normal((scans.n_sources, 5))
     modes = Modes(3)
     coefficients, fields = rng.standard_normal((2, len(modes))), np.empty((2, 2, scans.n_sources))
-    for chunk in source_slices(scans.n_sources):
+    for chunk in make_source_slices(scans.n_sources):
         fields[..., chunk] = np.tensordot(coefficients, harmonics(scans.lon[chunk], scans.lat[chunk], modes), 1)
     for columns, field in zip((slice(0, 2), slice(3, 5)), fields, strict=True):
         source_errors[:, columns] += systematic * (field / np.sqrt(np.mean(np.sum(field**2, 0)))).T

@@ -107,7 +107,7 @@ class Response(InNotebook):
         self._difference_weights = w_preceding * w_following / np.maximum(w_preceding + w_following, 1e-300)
         columns = [5 * pixel[:, None] + np.arange(5) for pixel in pixels]
         entries = [
-            sign * self._parameter_partials(pixel, scan, self._time).T
+            sign * self._compute_parameter_partials(pixel, scan, self._time).T
             for sign, pixel, (_, scan) in zip((1, -1), pixels, self._view_axes, strict=True)
         ]
         rows = 10 * np.arange(len(time) + 1)
@@ -221,11 +221,11 @@ class Response(InNotebook):
         own_pixel, other_pixel = self._find_pixels(r), self._find_pixels(r2)
         own_weight, other_weight = self.weights[own_pixel], self.weights[other_pixel]
         share = (other_weight / np.maximum(own_weight + other_weight, 1e-300))[:, None]
-        remainder = share * _outer(functions(time), _modes_along_scan(r, m, modes) - _modes_along_scan(r2, m2, modes))
+        remainder = share * _multiply_each(functions(time), _project_modes(r, m, modes) - _project_modes(r2, m2, modes))
         parameters = self.taken(modes, functions)
         for weight, pixel, direction in ((1 - share, own_pixel, m), (share, other_pixel, m2)):
             x = parameters[5 * pixel[:, None] + np.arange(5)]
-            remainder += weight * np.einsum("ik,kin->kn", self._parameter_partials(pixel, direction, time), x)
+            remainder += weight * np.einsum("ik,kin->kn", self._compute_parameter_partials(pixel, direction, time), x)
         if self.calibration is not None:
             remainder -= share * view[:, None] * (self._make_angle_columns(time) @ parameters[5 * len(self.weights) :])
         return remainder
@@ -241,8 +241,8 @@ class Response(InNotebook):
             stride = max(1, len(self._time) // _BLOCK_STEPS)
             for start in range(stride):
                 subset = slice(start, None, stride)
-                fields = [_modes_along_scan(r[:, subset], m[:, subset], modes) for r, m in self._view_axes]
-                difference = _outer(functions(self._time[subset]), fields[0] - fields[1])
+                fields = [_project_modes(r[:, subset], m[:, subset], modes) for r, m in self._view_axes]
+                difference = _multiply_each(functions(self._time[subset]), fields[0] - fields[1])
                 rhs = rhs + self._design[subset].T @ (self._difference_weights[subset, None] * difference)
             self._taken = {key: cho_solve(self._factorise(), rhs, check_finite=False)}
         return self._taken[key]
@@ -266,7 +266,7 @@ class Response(InNotebook):
     def _find_pixels(self, r):
         return pixels_of(*angles(r), self.nside, any_size=True)
 
-    def _parameter_partials(self, pixel, m, time):
+    def _compute_parameter_partials(self, pixel, m, time):
         """Motion along scan by five parameters, east and north at the centre of the pixel, (5, k)."""
         p, q, _ = triad(self._lon[pixel], self._lat[pixel])
         sun, distance = self.law.sun(time + (self.epoch - self.law.start))
@@ -275,7 +275,7 @@ class Response(InNotebook):
         return np.array([m_east, m_north, -np.sum(m * sun, 0), m_east * time, m_north * time])
 
 
-def _modes_along_scan(r, m, modes):
+def _project_modes(r, m, modes):
     """Modes along the scan m at r, (p, k)."""
     lon, lat = angles(r)
     p, q, _ = triad(lon, lat)
@@ -283,6 +283,6 @@ def _modes_along_scan(r, m, modes):
     return basis[:, 0] * np.sum(m * p, 0) + basis[:, 1] * np.sum(m * q, 0)
 
 
-def _outer(functions, fields):
+def _multiply_each(functions, fields):
     """Functions (F, k) times fields (p, k): (k, F p)."""
     return np.einsum("fk,pk->kfp", functions, fields).reshape(functions.shape[1], -1)

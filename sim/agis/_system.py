@@ -22,7 +22,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from sim.agis._calibration import AngleBlock, Calibration
-from sim.agis._globals import GlobalMotion, MotionFit, find_sources_at, fit_low_degrees, source_slices
+from sim.agis._globals import GlobalMotion, MotionFit, find_sources_at, fit_low_degrees, make_source_slices
 from sim.agis._results import AgisSolution
 from sim.agis.passes import Scans, add_smoothing, check_memory, make_passes, system_memory
 from sim.astrometry import LEAST_EIGENVALUE, smallest_eigenvalue
@@ -135,7 +135,7 @@ class Equations(InNotebook):
 
     def null_space(self) -> FloatArray:
         """The six motions that no observation sees, (6, n, 5): ε₀ along x, y, z, then ω."""
-        return _rotation_basis(self.scans.sines_and_cosines)
+        return _make_rotation_basis(self.scans.sines_and_cosines)
 
     @property
     def defect(self) -> int:
@@ -164,8 +164,8 @@ class Equations(InNotebook):
     def _iterate_rotations(self):
         """Some sources at a time: which, the null space of those that are solved, and that times the blocks S."""
         directions = self.scans.sines_and_cosines
-        for chunk in source_slices(len(self.blocks)):
-            basis = _rotation_basis(directions[:, chunk])[: self.defect]
+        for chunk in make_source_slices(len(self.blocks)):
+            basis = _make_rotation_basis(directions[:, chunk])[: self.defect]
             basis[:, ~self.solved[chunk]] = 0
             yield chunk, basis, np.einsum("nij,knj->kni", self.blocks[chunk], basis)
 
@@ -196,7 +196,7 @@ class Equations(InNotebook):
         is_solved = scans.counts > 5
         passes = make_passes(scans, is_solved, threads, compiled)
         blocks, band = passes.blocks()
-        eigenvalues = [smallest_eigenvalue(blocks[chunk]) for chunk in source_slices(len(blocks))]
+        eigenvalues = [smallest_eigenvalue(blocks[chunk]) for chunk in make_source_slices(len(blocks))]
         is_determined = np.concatenate(eigenvalues) > LEAST_EIGENVALUE
         if (is_solved & ~is_determined).any():
             is_solved &= is_determined
@@ -221,7 +221,7 @@ class Equations(InNotebook):
             ) from None
 
 
-def _rotation_basis(directions):
+def _make_rotation_basis(directions):
     """Rotations ε₀ and ω about x, y and z as parameters of the sources in some directions, (6, n, 5)."""
     # The directions are those that the observations have, in single precision.
     sa, ca, sd, cd = directions.astype(float)
@@ -261,7 +261,7 @@ class ExactErrors(Equations):
         """Covariance that the same fit really has, with all that sources share through the attitude; exact."""
         fit = MotionFit(self, as_modes(modes), find_sources_at(self.scans, lon, lat))
         g = fit.functionals(np.arange(len(fit.modes)))
-        return self._covariance(g, tolerance, iterations, variability)
+        return self._compute_covariance(g, tolerance, iterations, variability)
 
     def covariance_of(
         self,
@@ -275,18 +275,18 @@ class ExactErrors(Equations):
         g = arguments.float_array("functionals", functionals)
         if g.ndim != 3 or g.shape[:2] != (self.scans.n_sources, 5):
             raise ParameterError(f"functionals have the shape ({self.scans.n_sources}, 5, K), not {g.shape}")
-        return self._covariance(g, tolerance, iterations, variability)
+        return self._compute_covariance(g, tolerance, iterations, variability)
 
     def global_covariances(self, *, tolerance: float = 1e-3, iterations: int = 2000) -> tuple[FloatArray, FloatArray]:
         """Covariances of the global parameters: as sources that know the attitude would give them, and as they are."""
         if self.motion is None:
             raise ParameterError("there are no global parameters: give System a motion")
         g = np.stack([self.motion.functional(k) for k in range(len(self.motion.names))], axis=-1)
-        true = self._covariance(g, tolerance, iterations)
+        true = self._compute_covariance(g, tolerance, iterations)
         # What the sources' own motions leave of y: the mean of Gy + own is no y.
         return np.asarray(np.linalg.inv(self._reduced_normal), float), true + np.linalg.inv(self.motion.normal)
 
-    def _covariance(self, functionals, tolerance, iterations, variability=None):
+    def _compute_covariance(self, functionals, tolerance, iterations, variability=None):
         """gᵀ N⁺ g of each pair of functionals (n, 5, K), what the null space does to them left out."""
         rhs = self._remove_null_space(functionals)
         solutions = np.empty_like(rhs)
@@ -298,7 +298,7 @@ class ExactErrors(Equations):
         k = rhs.shape[-1]
         covariance = rhs.reshape(-1, k).T @ solutions.reshape(-1, k)
         if variability is not None and variability.sigma > 0:
-            covariance += self._variability_covariance(solutions, variability)
+            covariance += self._compute_variability_covariance(solutions, variability)
         return (covariance + covariance.T) / 2
 
     def _remove_null_space(self, functionals):
@@ -311,7 +311,7 @@ class ExactErrors(Equations):
                 projected[chunk] -= np.einsum("kr,kni->nir", rotation, weighted_basis)
         return projected
 
-    def _variability_covariance(self, solutions, variability):
+    def _compute_variability_covariance(self, solutions, variability):
         """Contribution of varying photocentres: Σ over sources of aᵀ C a, a the weight of each observation in a
         functional."""
         scans = self.scans
@@ -498,11 +498,11 @@ class System(ExactErrors):
         fit = fit_low_degrees(self, arguments.indices("sources", sources, n))
         if first == "sources":
             source_rhs, _ = passes.adjoint(*observed, x, first_attitude)
-            x = x + self.precondition((source_rhs - _constraint_terms(self, x))[..., None])[..., 0]
+            x = x + self.precondition((source_rhs - _compute_constraint_terms(self, x))[..., None])[..., 0]
         source_rhs, attitude_rhs = passes.adjoint(*observed, x, np.zeros_like(first_attitude))
         attitude_rhs += prior_rhs
         remainder = None if self.angle is None else observed[0] - passes.predict(x, np.zeros_like(first_attitude))[0]
-        rhs = self.reduce(source_rhs, attitude_rhs, remainder) - _constraint_terms(self, x)
+        rhs = self.reduce(source_rhs, attitude_rhs, remainder) - _compute_constraint_terms(self, x)
         rhs[~self.solved] = 0
         iteration = Iteration(self, rhs[..., None])
 
@@ -528,7 +528,7 @@ class System(ExactErrors):
             while True:
                 if watch is not None:
                     watch(len(history), x + iteration.x[..., 0])
-                is_settled = stop is not None and len(history) > REST and _largest_update(history, sigma) < stop
+                is_settled = stop is not None and len(history) > REST and _find_max_update(history, sigma) < stop
                 if is_settled or len(history) >= iterations or iteration.residual < _SOLVED_RESIDUAL:
                     break
                 iteration.step()
@@ -536,7 +536,7 @@ class System(ExactErrors):
                 updates.append(float(np.sqrt(np.mean(iteration.z[self.solved, 2] ** 2))))
                 bar.update()
                 bar.set_postfix_str(
-                    f"low degrees moved by {_largest_update(history, sigma):.2g} σ in {min(REST, len(history) - 1)}",
+                    f"low degrees moved by {_find_max_update(history, sigma):.2g} σ in {min(REST, len(history) - 1)}",
                     refresh=False,
                 )
                 if len(history) % _CHECKPOINT_EVERY == 0:
@@ -596,7 +596,7 @@ class Iteration:
         self.x, self.r = np.zeros_like(r), r.copy()
         self.z = equations.precondition(self.r)
         self.p = self.z.copy()
-        self.rz = _dot(self.r, self.z)
+        self.rz = _sum_products(self.r, self.z)
         self.first = self.rz.copy()
         #: What the last step added to rᵀ N⁺ r, whose sum is a lower bound of it that only grows.
         self.gain = np.zeros_like(self.rz)
@@ -611,7 +611,7 @@ class Iteration:
         """Pass once through sources and attitude."""
         moving = self.rz > 0
         q = self.equations.apply(self.p)
-        curvature = _dot(self.p, q)
+        curvature = _sum_products(self.p, q)
         # A right-hand side that is solved to the last bit has no direction left.
         moving &= curvature > 0
         step = np.where(moving, self.rz / np.where(moving, curvature, 1.0), 0.0)
@@ -619,7 +619,7 @@ class Iteration:
         self.r -= step * q
         self.gain = step * self.rz
         self.z = self.equations.precondition(self.r)
-        rz = _dot(self.r, self.z)
+        rz = _sum_products(self.r, self.z)
         turn = np.where(moving, rz / np.where(moving, self.rz, 1.0), 0.0)
         self.p = self.z + turn * self.p
         self.rz = np.where(moving, rz, 0.0)
@@ -634,7 +634,7 @@ class Iteration:
             setattr(self, name, np.array(state[name]))
 
 
-def _dot(a, b):
+def _sum_products(a, b):
     """Σ over sources and parameters, (K,); not by BLAS, whose threads would change the last bits."""
     return (a * b).reshape(-1, a.shape[-1]).sum(axis=0)
 
@@ -660,7 +660,7 @@ _CHECKPOINT_EVERY = 5
 _SOLVED_RESIDUAL = 1e-13
 
 
-def _constraint_terms(equations, x):
+def _compute_constraint_terms(equations, x):
     """Constraints of a global motion on parameters, (n, 5)."""
     constraints = np.zeros_like(x)
     if equations.motion is not None:
@@ -668,6 +668,6 @@ def _constraint_terms(equations, x):
     return constraints
 
 
-def _largest_update(history, sigma):
+def _find_max_update(history, sigma):
     """Largest motion of a low degree in formal errors in the last iterations, at most."""
     return float(np.max(np.ptp(history[-REST - 1 :], axis=0) / sigma))

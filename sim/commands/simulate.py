@@ -129,7 +129,7 @@ def make_parser() -> argparse.ArgumentParser:
     return parsing.add_common(parser, "list of what was written")
 
 
-def _foreign_options(kind):
+def _list_foreign(kind):
     """The options that a kind does not take."""
     return [name for name, kinds in _TAKERS.items() if kind not in kinds]
 
@@ -138,7 +138,7 @@ def narrow(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
     """Hide the options that the kind among the `words` does not take, for its --help."""
     kind = next((argument for argument in words if not argument.startswith("-")), None)
     for action in parser._actions if kind in KINDS else ():
-        if action.dest in _foreign_options(kind):
+        if action.dest in _list_foreign(kind):
             action.help = argparse.SUPPRESS
 
 
@@ -156,7 +156,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--positions takes the sources of a table: --number and --sky draw others")
     if options.sigma or (options.columns and not options.positions):
         parser.error("--columns names those of the table of --positions, whose errors are simulated")
-    foreign = [name for name in _foreign_options(options.kind) if getattr(options, name) != parser.get_default(name)]
+    foreign = [name for name in _list_foreign(options.kind) if getattr(options, name) != parser.get_default(name)]
     if foreign:
         takers = " and ".join(_TAKERS[foreign[0]])
         parser.error(f"--{foreign[0]} does not go with {options.kind}: --{foreign[0]} is for {takers}")
@@ -295,7 +295,7 @@ def _make_metadata(vectors, options):
         for name, vector in vectors.items()
         for axis, value in zip("XYZ", vector, strict=True)
     }
-    return meta | {"PROGRAM": f"vsh-sim {vsh.__version__}", "OPTIONS": json.dumps(_recorded_options(options))}
+    return meta | {"PROGRAM": f"vsh-sim {vsh.__version__}", "OPTIONS": json.dumps(_select_recorded_options(options))}
 
 
 def _draw_population(options, rng, vlbi_rng):
@@ -353,9 +353,9 @@ def _read_population(options, rng):
     return sim.Population(sources.lon, sources.lat, magnitude, sources.redshift), notes
 
 
-def _recorded_options(options):
+def _select_recorded_options(options):
     """All options but those that change nothing."""
-    exclusions = [*running.NOT_TOLD, *(_foreign_options(options.kind) if options.kind in ("crf3", "crf4") else ())]
+    exclusions = [*running.NOT_TOLD, *(_list_foreign(options.kind) if options.kind in ("crf3", "crf4") else ())]
     settings = {key: value for key, value in vars(options).items() if key not in exclusions}
     if options.velocity is not None:
         velocity = reading.velocity_of(options.velocity)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sim.astrometry import solve_astrometry
-from sim.gaia._link import error_inflation, learnt_redshifts, scan_columns, systematic_motions, wavenumber_offset
+from sim.gaia._link import find_error_inflation, find_wavenumber_offset, learn_redshifts, make_systematics, scan_columns
 from sim.mission import Mission
 from sim.population import CRF3_COUNTS, SIX_PARAMETERS, assign_redshifts, crf3_magnitudes, quasar_redshifts
 from sim.scanning import NominalScanningLaw
@@ -160,7 +160,7 @@ def _simulate_catalogue(rng, signal, n_five, n_six, release, traps):
     lon, lat = draw_positions(n, sky_rng, "gums")
     has_six = np.arange(n) >= n_five
     magnitude = crf3_magnitudes(n_five, n - n_five, light_rng)
-    photometry = _photometry_columns(property_rng, has_six, magnitude)
+    photometry = _draw_photometry_columns(property_rng, has_six, magnitude)
     mission = Mission(NominalScanningLaw(years=years, rng=gap_rng), release)
     pixel = pixels_of(lon, lat, _NSIDE)
     transits = mission.scanning_law.transits(*centres(_NSIDE))
@@ -173,12 +173,12 @@ def _simulate_catalogue(rng, signal, n_five, n_six, release, traps):
     correlation = unit / (deviation[:, :, None] * deviation[:, None])
     ratio = np.where(size_rng.random(n) < _OUTLIER_SHARE, _OUTLIER_FACTOR, 1.0)
     if traps:
-        ratio *= error_inflation(magnitude)
+        ratio *= find_error_inflation(magnitude)
     scatter = np.einsum("nij,nj->in", np.linalg.cholesky(unit)[pixel], noise_rng.standard_normal((n, 3))) * size * ratio
     sigma = deviation[pixel].T * size
     motion = (truth(lon, lat) + scatter[1:]) / MAS
     if traps:
-        motion += systematic_motions(lon, lat, sigma[1:], magnitude, photometry["nu"], release, trap_rng) / MAS
+        motion += make_systematics(lon, lat, sigma[1:], magnitude, photometry["nu"], release, trap_rng) / MAS
     columns = {
         "source_id": _make_source_ids(lon, lat),
         "ra": np.degrees(lon),
@@ -200,7 +200,7 @@ def _simulate_catalogue(rng, signal, n_five, n_six, release, traps):
     return tables.table_of(columns | transit_columns | photometry, meta, _CRF3_UNITS)
 
 
-def _photometry_columns(rng: np.random.Generator, has_six: BoolArray, magnitude: FloatArray) -> dict[str, Any]:
+def _draw_photometry_columns(rng: np.random.Generator, has_six: BoolArray, magnitude: FloatArray) -> dict[str, Any]:
     """Colours, redshifts and quality; `nu` is the wavenumber of all."""
     n = len(has_six)
     wavenumber = rng.normal(1.589, 0.06, n)
@@ -208,7 +208,7 @@ def _photometry_columns(rng: np.random.Generator, has_six: BoolArray, magnitude:
     z, ruwe, colour_scatter = quasar_redshifts(n, rng), rng.lognormal(0.0, 0.04, n), rng.normal(0, 0.1, n)
     spin_draw, order_rng, learnt_rng = rng.random(n), *rng.spawn(2)
     z = assign_redshifts(z, magnitude, order_rng)
-    wavenumber += wavenumber_offset(z) - wavenumber_offset(z).mean()
+    wavenumber += find_wavenumber_offset(z) - find_wavenumber_offset(z).mean()
     return {
         "nu": wavenumber,
         "nu_eff_used_in_astrometry": np.where(has_six, np.nan, wavenumber).astype(np.float32),
@@ -216,7 +216,7 @@ def _photometry_columns(rng: np.random.Generator, has_six: BoolArray, magnitude:
         "ruwe": np.where(has_six, 1.044, 1.013) * ruwe.astype(np.float32),
         "phot_g_mean_mag": magnitude.astype(np.float32),
         "bp_rp": ((1.73 - wavenumber) / 0.2 + colour_scatter).astype(np.float32),
-        "redshift_qsoc": np.where(has_redshift, learnt_redshifts(z, learnt_rng), np.nan).astype(np.float32),
+        "redshift_qsoc": np.where(has_redshift, learn_redshifts(z, learnt_rng), np.nan).astype(np.float32),
         "used_for_reference_frame_spin": ~has_six & (spin_draw < 0.353),
     }
 

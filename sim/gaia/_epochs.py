@@ -141,7 +141,7 @@ def epochs(
         raise ParameterError(f"{np.sum(~(excess >= 0))} excess noises are below zero")
     scatter = np.hypot(sigma * outlier_factor, excess[source][:, None]) * noise_rng.standard_normal(shape)
     if attitude == "solved":
-        position -= _absorbed_by_attitude(
+        position -= _compute_absorbed_part(
             law, population, truth, transits, error, scatter.mean(1), stars, calibration, auxiliary_rng, threads
         )
     centroid = position[:, None] + scatter
@@ -180,14 +180,14 @@ def _make_transit_ids(transits, time, half_height):
     return (tick >> 2 << 17) | (view << 15) | (row << 12) | (np.arange(len(time), dtype=np.int64) % 2**12)
 
 
-def _absorbed_by_attitude(law, population, truth, transits, error, scatter, stars, calibration, rng, threads):
+def _compute_absorbed_part(law, population, truth, transits, error, scatter, n_stars, calibration, rng, threads):
     """Part of each transit that an attitude and a basic angle solved together with all sources take. [µas]"""
     from sim.agis import System, observations, scans  # numba and sparse matrices, for this alone
 
     position_rng, noise_rng = rng.spawn(2)
-    lon, lat = uniform_sky(stars, position_rng)
+    lon, lat = uniform_sky(n_stars, position_rng)
     n = len(error)
-    sigma = np.r_[error, np.full(stars, _STAR_ERROR)]
+    sigma = np.r_[error, np.full(n_stars, _STAR_ERROR)]
     scan_data = scans(
         law, np.r_[population.lon, lon], np.r_[population.lat, lat], sigma, 5 * sigma, knots=_KNOT_STEP, threads=threads
     )

@@ -108,32 +108,32 @@ def link(
     (('gaia', 'vlbi'), 24)
     """
     rng = generator(rng)
-    total = n + quasars
-    still = np.arange(total) >= n
-    lon, lat = rng.uniform(0, 2 * np.pi, total), np.arcsin(rng.uniform(-1, 1, total))
-    magnitude = np.where(still, rng.uniform(15, 20.5, total), rng.uniform(4, 17, total))
-    parallax = np.where(still, 0.0, 1e6 / 10 ** rng.uniform(1.2, 3.2, total))
-    motion = np.where(still, 0.0, 20 / AU_PER_YEAR * parallax * rng.standard_normal((2, total)))
-    velocity = np.where(still, 0.0, 20 * rng.standard_normal(total))
-    drift = np.zeros(3) if aberration is None else aberration.to_frame("icrs").value
+    n_all = n + quasars
+    still = np.arange(n_all) >= n
+    lon, lat = rng.uniform(0, 2 * np.pi, n_all), np.arcsin(rng.uniform(-1, 1, n_all))
+    magnitude = np.where(still, rng.uniform(15, 20.5, n_all), rng.uniform(4, 17, n_all))
+    parallax = np.where(still, 0.0, 1e6 / 10 ** rng.uniform(1.2, 3.2, n_all))
+    motion = np.where(still, 0.0, 20 / AU_PER_YEAR * parallax * rng.standard_normal((2, n_all)))
+    velocity = np.where(still, 0.0, 20 * rng.standard_normal(n_all))
+    glide = np.zeros(3) if aberration is None else aberration.to_frame("icrs").value
     p, q, _ = triad(lon, lat)
-    motion += np.where(still, np.stack([drift @ p, drift @ q]), 0.0)
+    motion += np.where(still, np.stack([glide @ p, glide @ q]), 0.0)
     if frame is None:
-        orientations = np.tile(np.asarray(orientation, float)[:, None], total)
+        orientations = np.tile(np.asarray(orientation, float)[:, None], n_all)
         spins = np.asarray(spin, float)[:, None] + np.asarray(jump, float)[:, None] * (magnitude >= step)
     else:
         orientations, spins = frame(magnitude)
     truth = np.vstack([lon, lat, parallax, motion])
-    error_factor = wrong * np.ones(total)
+    error_factor = wrong * np.ones(n_all)
     if np.isfinite(tails):
-        error_factor /= np.sqrt(rng.chisquare(tails, total) / tails)
-    shift = np.zeros((5, total))
-    binary = ~still & (rng.uniform(size=total) < binaries)
-    shift[:2] = _ORBIT[0] * rng.standard_normal((2, total)) * binary + offset * rng.standard_normal((2, total)) * still
-    shift[3:] = _ORBIT[1] * rng.standard_normal((2, total)) * binary
-    calibrator_index = np.where(still, -1, np.arange(total) % calibrators if calibrators else np.arange(total))
+        error_factor /= np.sqrt(rng.chisquare(tails, n_all) / tails)
+    shift = np.zeros((5, n_all))
+    binary = ~still & (rng.uniform(size=n_all) < binaries)
+    shift[:2] = _ORBIT[0] * rng.standard_normal((2, n_all)) * binary + offset * rng.standard_normal((2, n_all)) * still
+    shift[3:] = _ORBIT[1] * rng.standard_normal((2, n_all)) * binary
+    calibrator_index = np.where(still, -1, np.arange(n_all) % calibrators if calibrators else np.arange(n_all))
     if star_offset:
-        shift[:2] += star_offset * rng.standard_normal((2, total)) * ~still
+        shift[:2] += star_offset * rng.standard_normal((2, n_all)) * ~still
     if calibrator_error:
         shift[:2] += (calibrator_error * rng.standard_normal((2, calibrator_index.max() + 1)))[
             :, calibrator_index
@@ -144,47 +144,47 @@ def link(
 
     sigma = _GAIA_FACTORS[:, None] * parallax_error(np.maximum(magnitude, 9.0))
     root = np.linalg.cholesky(np.eye(5) + 0.3 * (np.ones((5, 5)) - np.eye(5)))
-    gaia_errors = sigma * (root @ rng.standard_normal((5, total))) * error_factor
-    gaia_errors[:2] += np.stack([np.sum(q * orientations, 0), -np.sum(p * orientations, 0)])
-    gaia_errors[3:] += np.stack([np.sum(q * spins, 0), -np.sum(p * spins, 0)])
+    gaia_offsets = sigma * (root @ rng.standard_normal((5, n_all))) * error_factor
+    gaia_offsets[:2] += np.stack([np.sum(q * orientations, 0), -np.sum(p * orientations, 0)])
+    gaia_offsets[3:] += np.stack([np.sum(q * spins, 0), -np.sum(p * spins, 0)])
     covariance = (root @ root.T)[None] * sigma.T[:, :, None] * sigma.T[:, None, :]
-    row_sets = [(np.arange(total), np.full(total, _GAIA_EPOCH), "gaia", truth, gaia_errors, covariance)]
+    row_sets = [(np.arange(n_all), np.full(n_all, _GAIA_EPOCH), "gaia", truth, gaia_offsets, covariance)]
 
-    factor = 10 ** (_VLBI_DEX * rng.standard_normal(total))
-    is_single_epoch = ~still & (rng.uniform(size=total) < single)
-    epoch = np.where(still, _FIXED_EPOCH, rng.uniform(*_VLBI_EPOCHS, total))
+    factor = 10 ** (_VLBI_DEX * rng.standard_normal(n_all))
+    is_single_epoch = ~still & (rng.uniform(size=n_all) < single)
+    epoch = np.where(still, _FIXED_EPOCH, rng.uniform(*_VLBI_EPOCHS, n_all))
     sigma = _VLBI_ERRORS[:, None] * factor
-    sigma[3:] /= rng.uniform(*_VLBI_SPANS, total)
+    sigma[3:] /= rng.uniform(*_VLBI_SPANS, n_all)
     for k in range(epochs if is_single_epoch.any() else 1):
-        indices = np.flatnonzero(is_single_epoch if k else np.ones(total, bool))
+        indices = np.flatnonzero(is_single_epoch if k else np.ones(n_all, bool))
         t = (epoch + np.where(is_single_epoch, k * 0.37, 0.0))[indices]
-        later, _ = propagate(truth[:, indices], velocity[indices], _GAIA_EPOCH, t)
-        east, north, _ = triad(later[0], later[1])
-        error = sigma[:, indices] * rng.standard_normal((5, len(indices))) * error_factor[indices] + shift[:, indices]
-        error[:2] += shift[3:, indices] * (t - _GAIA_EPOCH)
+        epoch_truth, _ = propagate(truth[:, indices], velocity[indices], _GAIA_EPOCH, t)
+        east, north, _ = triad(epoch_truth[0], epoch_truth[1])
+        offsets = sigma[:, indices] * rng.standard_normal((5, len(indices))) * error_factor[indices] + shift[:, indices]
+        offsets[:2] += shift[3:, indices] * (t - _GAIA_EPOCH)
         is_single = is_single_epoch[indices]
         observer = earth(t)
-        error[:2] -= is_single * later[2] * np.stack([np.sum(east * observer, 0), np.sum(north * observer, 0)])
+        offsets[:2] -= is_single * epoch_truth[2] * np.stack([np.sum(east * observer, 0), np.sum(north * observer, 0)])
         is_star = ~still[indices]
-        error[:2] -= is_star * (t - _FIXED_EPOCH) * np.stack([drift @ east, drift @ north])
-        error[3:] -= is_star * np.stack([drift @ east, drift @ north])
+        offsets[:2] -= is_star * (t - _FIXED_EPOCH) * np.stack([glide @ east, glide @ north])
+        offsets[3:] -= is_star * np.stack([glide @ east, glide @ north])
         variance = sigma[:, indices] ** 2
         variance[2:, is_single | still[indices]] = np.nan
-        later[2:, is_single | still[indices]] = np.nan
-        row_sets.append((indices, t, "vlbi", later, error, variance.T[:, :, None] * np.eye(5)))
+        epoch_truth[2:, is_single | still[indices]] = np.nan
+        row_sets.append((indices, t, "vlbi", epoch_truth, offsets, variance.T[:, :, None] * np.eye(5)))
     return _make_rows(row_sets, magnitude, velocity, still, calibrator_names)
 
 
 def _make_rows(row_sets, magnitude, velocity, still, calibrator_names):
     """Rows of both catalogues, errors added to what is true."""
     tables = []
-    for indices, t, label, truth, error, covariance in row_sets:
+    for indices, t, label, truth, offset, covariance in row_sets:
         p, q, r = triad(truth[0], truth[1])
-        lon, lat = angles(r + UAS * (p * error[0] + q * error[1]))
+        lon, lat = angles(r + UAS * (p * offset[0] + q * offset[1]))
         names = np.where(still[indices], "quasar ", "star ").astype(object) + indices.astype(str)
         is_finite = np.isfinite(np.diagonal(covariance, axis1=1, axis2=2))
         tables += [AstrometryRows(
-            names.astype(str), np.full(len(indices), label), t, lon, lat, truth[2] + error[2], truth[3:] + error[3:],
+            names.astype(str), np.full(len(indices), label), t, lon, lat, truth[2] + offset[2], truth[3:] + offset[3:],
             np.where(is_finite[:, :, None] & is_finite[:, None, :], covariance, np.nan),
             radial_velocity=velocity[indices], magnitude=magnitude[indices], still=still[indices],
             calibrator=calibrator_names[indices] if label == "vlbi" else None,
@@ -207,7 +207,7 @@ _LEARNT_ERROR, _WRONG_SHARE = 0.1, 0.05
 _PERIOD_GAP = 4.0 / 365.25
 
 
-def wavenumber_offset(z: FloatArray) -> FloatArray:
+def find_wavenumber_offset(z: FloatArray) -> FloatArray:
     """Wavenumber by redshift [µm⁻¹]: emission lines, and no light beyond Lyman α from z = 2.5.
 
     A stand-in of the right size, of no table.
@@ -215,7 +215,7 @@ def wavenumber_offset(z: FloatArray) -> FloatArray:
     return 0.02 * np.cos(2 * np.pi * z / 0.9) - 0.05 * np.maximum(z - 2.5, 0.0)
 
 
-def learnt_redshifts(z: FloatArray, rng: np.random.Generator) -> FloatArray:
+def learn_redshifts(z: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Redshifts as a machine reads them from spectra: an error of 0.1, and one in twenty another source's."""
     is_wrong = rng.random(len(z)) < _WRONG_SHARE
     return np.maximum(np.where(is_wrong, rng.permutation(z), z + rng.normal(0, _LEARNT_ERROR, len(z))), 0.01)
@@ -238,13 +238,13 @@ def scan_columns(transits: Transits, n: int) -> dict[str, FloatArray]:
     }
 
 
-def error_inflation(magnitude: FloatArray) -> FloatArray:
+def find_error_inflation(magnitude: FloatArray) -> FloatArray:
     """True errors over quoted ones."""
     lower, upper = _FAINT_RANGE
     return 1 + _FAINT_INFLATION * np.clip((magnitude - lower) / (upper - lower), 0, 1)
 
 
-def systematic_motions(
+def make_systematics(
     lon: FloatArray, lat: FloatArray, sigma: FloatArray, magnitude: FloatArray, wavenumber: FloatArray, release: str,
     rng: np.random.Generator,
 ) -> FloatArray:  # fmt: skip

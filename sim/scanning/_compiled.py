@@ -8,12 +8,12 @@ from vsh.tools.types import FloatArray, IntArray
 
 
 @njit(inline="always")
-def _height(r, i, axis, k):
+def _compute_height(r, i, axis, k):
     return r[i, 0] * axis[k, 0] + r[i, 1] * axis[k, 1] + r[i, 2] * axis[k, 2]
 
 
 @compile_loops()
-def crossings(
+def find_all(
     r: FloatArray, axes: tuple, times: FloatArray, reach: FloatArray, chunk: int, max_height: float, half_angle: float
 ) -> tuple[IntArray, FloatArray, IntArray]:
     """Source, time and field of all crossings, by source and time; axes and directions are rows of three."""
@@ -23,15 +23,15 @@ def crossings(
     count, spins, turn = 0, len(times) - 1, 2 * np.pi
     for i in range(len(r)):
         for c in range(len(reach)):
-            if not abs(_height(r, i, z, chunk * c)) < max_height + reach[c]:
+            if not abs(_compute_height(r, i, z, chunk * c)) < max_height + reach[c]:
                 continue
-            h1 = _height(r, i, z, chunk * c)
+            h1 = _compute_height(r, i, z, chunk * c)
             for k in range(chunk * c, min(chunk * (c + 1), spins)):
-                h0, h1 = h1, _height(r, i, z, k + 1)
+                h0, h1 = h1, _compute_height(r, i, z, k + 1)
                 if (h0 >= max_height and h1 >= max_height) or (h0 <= -max_height and h1 <= -max_height):
                     continue
-                azimuth = np.arctan2(_height(r, i, w, k), _height(r, i, u, k))
-                azimuth_shift = np.arctan2(_height(r, i, w, k + 1), _height(r, i, u, k + 1)) - azimuth
+                azimuth = np.arctan2(_compute_height(r, i, w, k), _compute_height(r, i, u, k))
+                azimuth_shift = np.arctan2(_compute_height(r, i, w, k + 1), _compute_height(r, i, u, k + 1)) - azimuth
                 azimuth_shift -= turn * np.round(azimuth_shift / turn)
                 for view in (1, -1):
                     phase = (azimuth - view * half_angle) % turn

@@ -52,28 +52,28 @@ YEAR = 365.25  # days
 _MEAN_RATE = 0.9856474 - 50.29 / 3600 / YEAR
 
 
-def _mean_angles(start, time):
+def _compute_mean_angles(start, time):
     days = (start - 2000.0 + time) * YEAR
     return (357.528 + 0.9856003 * days) * DEGREE, (280.460 + _MEAN_RATE * days) * DEGREE
 
 
 def sun_position(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Ecliptic longitude [rad] and distance [AU] of the Sun, equinox J2000, to 0.01° (Astronomical Almanac, C5)."""
-    g, mean_longitude = _mean_angles(start, time)
+    g, mean_longitude = _compute_mean_angles(start, time)
     sin, cos = sin_cos(g)
     # sin 2g = 2 sin g cos g, cos 2g = 2 cos² g − 1
     longitude = mean_longitude + (1.915 + 0.040 * cos) * sin * DEGREE
     return longitude, 1.00028 - (0.01671 + 0.00028 * cos) * cos
 
 
-def sun_rate(start: float, time: FloatArray) -> FloatArray:
+def compute_sun_rate(start: float, time: FloatArray) -> FloatArray:
     """dλ/dt [rad/yr]."""
-    g, _ = _mean_angles(start, time)
+    g, _ = _compute_mean_angles(start, time)
     anomaly_rate = 0.9856003 * DEGREE * YEAR
     return _MEAN_RATE * DEGREE * YEAR + (1.915 * np.cos(g) + 0.040 * np.cos(2 * g)) * DEGREE * anomaly_rate
 
 
-def sun_direction(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+def compute_sun_direction(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Direction of the Sun in the ecliptic, (3, n), and its distance [AU], so many years after the start."""
     longitude, distance = sun_position(start, np.asarray(time, float))
     sin, cos = sin_cos(longitude)
@@ -125,7 +125,7 @@ class Spins:
             from sim.scanning import _compiled
 
             directions, *axes = (np.ascontiguousarray(vectors.T) for vectors in (r, self.z, self.u, self.w))
-            return _compiled.crossings(directions, tuple(axes), self.times, self.reach, CHUNK, max_height, half_angle)
+            return _compiled.find_all(directions, tuple(axes), self.times, self.reach, CHUNK, max_height, half_angle)
         source, spin, h0, h1 = self._find_near_sources(r, max_height)
         directions = r[:, source]
         azimuth = np.arctan2(dot(directions, self.w[:, spin]), dot(directions, self.u[:, spin]))
@@ -286,7 +286,7 @@ class TabulatedLaw(InNotebook):
 
     def sun(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Direction of the Sun in the ecliptic, (3, n), and its distance [AU], at `time` since the start. [yr]"""
-        return sun_direction(self.start, time)
+        return compute_sun_direction(self.start, time)
 
     def attitude(self, time: FloatArray) -> Any:
         """Spin axis and both fields of view at `time` [yr since the start], (n,): z, preceding, following."""

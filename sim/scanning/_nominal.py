@@ -22,13 +22,13 @@ from sim.scanning._crossings import (
     YEAR,
     Cubics,
     Spins,
+    compute_sun_direction,
+    compute_sun_rate,
     dot,
     draw_gaps,
     is_outside_gaps,
     sort_gaps,
-    sun_direction,
     sun_position,
-    sun_rate,
 )
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import sin_cos, triad
@@ -229,13 +229,13 @@ class NominalScanningLaw(Frozen):
         time : (k,) array
             Since the start of the mission. [yr]
         """
-        return sun_direction(self.start, time)
+        return compute_sun_direction(self.start, time)
 
     def attitude(self, time: FloatArray) -> Any:
         """Spin axis and both fields of view at `time` [yr since the start], (n,): z, preceding, following."""
         time = np.asarray(time, float)
-        (z, u, w), _ = self._axes_and_sun(time)
-        phase = self._phase(time)
+        (z, u, w), _ = self._compute_axes_and_sun(time)
+        phase = self._compute_phase(time)
         views = [u * np.cos(phase + a) + w * np.sin(phase + a) for a in (self.basic_angle / 2, -self.basic_angle / 2)]
         rotation = rotation_matrix("ecliptic", self.frame)
         return tuple(rotation @ v for v in (z, *views))
@@ -290,15 +290,15 @@ class NominalScanningLaw(Frozen):
         owner, time, views = spins.crossings(r, max_height, self.basic_angle / 2, compiled=compiled)
         if spins.bend >= _MAX_BEND:
             time = self._refine_crossings(r[:, owner], time, views)
-        keep = is_outside_gaps(time, self._state["gaps"])
-        owner, time, views = owner[keep], time[keep], views[keep]
-        (z, _, _), (sun, distance) = self._axes_and_sun(time)
+        hits = is_outside_gaps(time, self._state["gaps"])
+        owner, time, views = owner[hits], time[hits], views[hits]
+        (z, _, _), (sun, distance) = self._compute_axes_and_sun(time)
         directions = r[:, owner]
         sine = dot(directions, z)
-        keep = np.abs(sine) < max_sine
-        if not keep.all():
-            owner, time, views, sine, distance = owner[keep], time[keep], views[keep], sine[keep], distance[keep]
-            z, sun, directions = z[:, keep], sun[:, keep], directions[:, keep]
+        hits = np.abs(sine) < max_sine
+        if not hits.all():
+            owner, time, views, sine, distance = owner[hits], time[hits], views[hits], sine[hits], distance[hits]
+            z, sun, directions = z[:, hits], sun[:, hits], directions[:, hits]
         # The scan goes along s = z × r/cos ζ: s·p = z·q/cos ζ, s·q = −z·p/cos ζ.
         angle = np.arctan2(dot(z, q[:, owner]), -dot(z, p[:, owner]))
         along = sun[0] * (z[1] * directions[2] - z[2] * directions[1]) + sun[1] * (
@@ -319,36 +319,36 @@ class NominalScanningLaw(Frozen):
         grid = np.linspace(0, self.years, max(2, int(self.years * YEAR * 2)) + 1)
         sun, _ = sun_position(self.start, np.maximum(np.append(pole_years, grid), pole_years))
         phase = precession.phase(start, sun[1:] - sun[0])
-        sun_speed = np.where(grid < pole_years, 0.0, sun_rate(self.start, grid))
+        sun_speed = np.where(grid < pole_years, 0.0, compute_sun_rate(self.start, grid))
         phase_rate = precession.rate(phase) * sun_speed
         lag_rate = -np.cos(self.solar_aspect) * phase_rate - np.sin(self.solar_aspect) * np.sin(phase) * sun_speed
         nu = Cubics(grid[1], phase, phase_rate)
         slow = Cubics(grid[1], precession.lag(start, phase), lag_rate)
 
         self._state.update(speed=speed, nu=nu, rate=rate, slow=slow)
-        last_spin = int(np.floor(self._phase(self.years) / (2 * np.pi)))
-        first_spin = int(np.ceil(self._phase(0.0) / (2 * np.pi)))
+        last_spin = int(np.floor(self._compute_phase(self.years) / (2 * np.pi)))
+        first_spin = int(np.ceil(self._compute_phase(0.0) / (2 * np.pi)))
         turns = 2 * np.pi * np.arange(first_spin, last_spin + 1)
         times: Any = (turns - self.spin_phase) / rate
         for _ in range(4):  # Newton: Ω grows 1600 times as fast as its slow part
-            times -= (self._phase(times) - turns) / (rate + slow.slope(times))
-        self._state["spins"] = Spins(times, *self._axes_and_sun(times)[0])
+            times -= (self._compute_phase(times) - turns) / (rate + slow.slope(times))
+        self._state["spins"] = Spins(times, *self._compute_axes_and_sun(times)[0])
 
     def _refine_crossings(self, directions, time, views):
         """Times at which the fields really pass, by Newton steps: in a long spin its axis does not move straight."""
         end_time = np.nextafter(self.years, 0)
         for _ in range(4):
-            (_, u, w), _ = self._axes_and_sun(time)
+            (_, u, w), _ = self._compute_axes_and_sun(time)
             azimuth = np.arctan2(np.sum(directions * w, 0), np.sum(directions * u, 0))
-            phase_error = azimuth - self._phase(time) - views * self.basic_angle / 2
+            phase_error = azimuth - self._compute_phase(time) - views * self.basic_angle / 2
             time = np.clip(time + ((phase_error + np.pi) % (2 * np.pi) - np.pi) / self._state["rate"], 0, end_time)
         return time
 
-    def _phase(self, time):
+    def _compute_phase(self, time):
         """Ω, the phase of the spin. [rad]"""
         return self.spin_phase + self._state["rate"] * time + self._state["slow"](time)
 
-    def _axes_and_sun(self, time):
+    def _compute_axes_and_sun(self, time):
         """z, and u = s × z/sin ξ and w = z × u from which Ω is counted, in the ecliptic; and the Sun, as of `sun`.
 
         With e ahead of the Sun along the ecliptic and k its pole, z = cos ξ s + sin ξ (cos ν e + sin ν k).

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.signal._signal import ObserverMotion, Signal, TimeDependent, nonzero_vector
+from sim.signal._signal import ObserverMotion, Signal, TimeDependent, check_nonzero_vector
 from vsh.models.cosmology import FLAT_PLANCK13, hubble_value, parallax_factor, transverse_distance
 from vsh.models.flows import LINEAR_PLANCK18, LinearTheory, VelocityGrid, flow_modes
 from vsh.models.waves import unit_vector, wave_motions
@@ -85,13 +85,13 @@ class LinearFlow(Velocities):
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tangential and radial velocities, as `Velocities.velocity` says."""
         rng = np.random.default_rng(self.seed)
-        scaled_distance = distance * _little_h(self.cosmology, self.hubble)
+        scaled_distance = distance * _find_little_h(self.cosmology, self.hubble)
         if self.exact:
             if len(lon) > _MAX_EXACT:
                 raise ParameterError(
                     f"{len(lon)} galaxies are too many to be drawn exactly: {_MAX_EXACT} at most; take exact=False"
                 )
-            root = _covariance_root(self.theory, lon.tobytes(), lat.tobytes(), scaled_distance.tobytes())
+            root = _compute_covariance_root(self.theory, lon.tobytes(), lat.tobytes(), scaled_distance.tobytes())
             velocity = (root @ rng.standard_normal(root.shape[0])).reshape(-1, 3).T
             return local_components(velocity, lon, lat)
         # To the same limits whichever sources are asked for: the flow is one field.
@@ -124,7 +124,7 @@ class GridFlow(Velocities):
 
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tangential and radial velocities, as `Velocities.velocity` says."""
-        scaled_distance = distance * _little_h(self.cosmology, self.hubble)
+        scaled_distance = distance * _find_little_h(self.cosmology, self.hubble)
         flow, is_inside = self.grid.at(lon, lat, scaled_distance, self.frame)
         if not is_inside.all():
             raise ParameterError(f"{(~is_inside).sum()} sources lie outside of the grid of velocities, {self.grid!r}")
@@ -205,7 +205,7 @@ def peculiar(
 
 
 @lru_cache(maxsize=1)
-def _covariance_root(theory, lon_bytes, lat_bytes, distance_bytes):
+def _compute_covariance_root(theory, lon_bytes, lat_bytes, distance_bytes):
     """A root of the covariance of velocities; many skies of the same galaxies share it."""
     positions = triad(np.frombuffer(lon_bytes), np.frombuffer(lat_bytes))[2] * np.frombuffer(distance_bytes)
     covariance = theory.covariance(positions)
@@ -213,7 +213,7 @@ def _covariance_root(theory, lon_bytes, lat_bytes, distance_bytes):
     return np.linalg.cholesky(covariance)
 
 
-def _little_h(cosmology, hubble):
+def _find_little_h(cosmology, hubble):
     """H0/100 of the distances: in Mpc/h they are the same whatever it is."""
     return (hubble or hubble_value(FLAT_PLANCK13 if cosmology is None else cosmology)) / 100
 
@@ -258,7 +258,7 @@ def secular_parallax(velocity: ArrayLike, *, cosmology: Cosmology | None = None,
     (50,)
     """
     hubble = None if hubble is None else positive("hubble", hubble)
-    return Signal((SecularParallax(nonzero_vector(velocity, "velocity", "km / s"), cosmology, hubble),))
+    return Signal((SecularParallax(check_nonzero_vector(velocity, "velocity", "km / s"), cosmology, hubble),))
 
 
 @dataclass(frozen=True)

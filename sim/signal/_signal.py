@@ -256,7 +256,7 @@ def spin(vector: ArrayLike) -> Signal:
     >>> signal(np.array([1.0]), np.array([0.0])).round(6).ravel().tolist()  # along the equator
     [10.0, 0.0]
     """
-    return from_coefficients(Coefficients.from_vectors(rotation=three_components(vector, "spin", "uas / yr")))
+    return from_coefficients(Coefficients.from_vectors(rotation=check_vector(vector, "spin", "uas / yr")))
 
 
 def acceleration(vector: ArrayLike) -> Signal:
@@ -273,10 +273,10 @@ def acceleration(vector: ArrayLike) -> Signal:
     >>> signal(np.array([1.0]), np.array([0.0])).round(6).ravel().tolist()  # towards the pole
     [0.0, 5.0]
     """
-    return from_coefficients(Coefficients.from_vectors(glide=three_components(vector, "acceleration", "uas / yr")))
+    return from_coefficients(Coefficients.from_vectors(glide=check_vector(vector, "acceleration", "uas / yr")))
 
 
-def three_components(value: Any, name: str, unit: str = "") -> FloatArray:
+def check_vector(value: Any, name: str, unit: str = "") -> FloatArray:
     """Three finite components, bare or as a Quantity of any fitting unit."""
     value = as_floats(name, value, unit)[0]
     if value.shape != (3,) or not np.isfinite(value).all():
@@ -284,9 +284,9 @@ def three_components(value: Any, name: str, unit: str = "") -> FloatArray:
     return value
 
 
-def nonzero_vector(value: Any, name: str, unit: str = "") -> FloatArray:
+def check_nonzero_vector(value: Any, name: str, unit: str = "") -> FloatArray:
     """Three finite components that are not all zero, bare or as a Quantity."""
-    value = three_components(value, name, unit)
+    value = check_vector(value, name, unit)
     if not value.any():
         raise FieldError(f"{name} must be a vector whose components are not all zero")
     return value

@@ -150,7 +150,7 @@ def _response(chunks, span, options):
         start = epoch + span[0]
         law = _fit_nominal_law(chunks, start, span[1] - span[0], sim.find_gaps(epoch + times, start, longest=longest))
     response = sim.agis.Response(law, nside=_NSIDE, epoch=epoch, calibration=options.calibration)
-    offset = np.degrees(np.median([_median_axis_offset(chunk, law) for chunk in chunks]))
+    offset = np.degrees(np.median([_compute_median_axis_offset(chunk, law) for chunk in chunks]))
     note = f"spin axis of the scanning law: {offset:.2g}° from that of the transits, median"
     if offset > _MAX_AXIS_OFFSET:
         note = f"warning: {note}; --law takes the law as it was commanded"
@@ -179,7 +179,7 @@ def _compute_spin_axes(observations):
     return np.cross(r, m / np.linalg.norm(m, axis=0), axis=0), observations.time
 
 
-def _median_axis_offset(observations, law):
+def _compute_median_axis_offset(observations, law):
     """Median offset of the axis of the law. [rad]"""
     axis, time = _compute_spin_axes(observations)
     z = law.attitude(np.clip(time + (vsh.io.archive.DR4.epoch - law.start), 0, law.years))[0]

@@ -131,11 +131,11 @@ class Survey(InNotebook):
         if self.release is None:
             errors[:] = self._own_error()[:, None]
         else:
-            magnitude, factor = _crf3_sample()
-            errors[:] = _mean_error(factor * gaia_errors(magnitude, self.release))[:, None]
+            magnitude, factor = _make_crf3_sample()
+            errors[:] = _average_error(factor * gaia_errors(magnitude, self.release))[:, None]
             if self.second is not None:
                 covered = self.second.covers(lon, lat)
-                errors[:, covered] = _mean_error(self.second.motion_errors(magnitude, factor, self.release))[:, None]
+                errors[:, covered] = _average_error(self.second.motion_errors(magnitude, factor, self.release))[:, None]
         return errors * self.factor * np.sqrt(len(lon) / self.n_quasars)
 
     def galaxy_errors(self, magnitude: FloatArray, lon: FloatArray, lat: FloatArray) -> FloatArray:
@@ -150,16 +150,16 @@ class Survey(InNotebook):
 
     def _own_error(self):
         """Error of as much information as those of `sigma` have, (2,)."""
-        return _mean_error(np.tile(np.atleast_1d(self.sigma), (2, 1)))
+        return _average_error(np.tile(np.atleast_1d(self.sigma), (2, 1)))
 
 
-def _mean_error(sigma):
+def _average_error(sigma):
     """Error of as much information as several have, for each component."""
     return 1 / np.sqrt(np.mean(1 / sigma**2, axis=1))
 
 
 @lru_cache(maxsize=1)
-def _crf3_sample():
+def _make_crf3_sample():
     """Magnitudes of Gaia-CRF3's quasars, and factors on their errors: information to half a per cent."""
     five, six = (count // 8 for count in CRF3_COUNTS.values())
     return crf3_magnitudes(five, six, 1), np.where(np.arange(five + six) < five, 1.0, SIX_PARAMETERS)
@@ -469,24 +469,24 @@ def _forecast_galaxies(survey, sample, flows):
     order = np.argsort(sample.redshift)
     # The nearest weigh most: all of them, and of the rest every twentieth for twenty.
     rows = np.concatenate([order[:_NEAREST], order[_NEAREST::_EVERY]])
-    plain_errors = _galaxy_errors(survey, sample[rows], _ALONE, np.where(np.arange(len(rows)) < _NEAREST, 1, _EVERY))
-    values["velocity"], values["hubble"] = _velocity_errors(sample[rows], plain_errors, flows=None)
+    plain_errors = _combine_errors(survey, sample[rows], _ALONE, np.where(np.arange(len(rows)) < _NEAREST, 1, _EVERY))
+    values["velocity"], values["hubble"] = _predict_velocity_errors(sample[rows], plain_errors, flows=None)
     if flows:
         rows = order[:: len(order) // _FLOW_GALAXIES]
-        errors = _galaxy_errors(survey, sample[rows], _BEYOND, len(order) / len(rows))
-        velocity, hubble = _velocity_errors(sample[rows], errors, flows="linear", n_modes=_FLOW_MODES)
+        errors = _combine_errors(survey, sample[rows], _BEYOND, len(order) / len(rows))
+        velocity, hubble = _predict_velocity_errors(sample[rows], errors, flows="linear", n_modes=_FLOW_MODES)
         values |= {"velocity_flows": velocity, "hubble_flows": hubble}
     return values
 
 
-def _galaxy_errors(survey, sample, dispersion, n_each):
+def _combine_errors(survey, sample, dispersion, n_each):
     """Errors of galaxies that stand for several each, their peculiar velocities included. [µas/yr]"""
     scatter = dispersion / (AU_PER_YEAR * transverse_distance(sample.redshift, FLAT_PLANCK13))
     errors = survey.galaxy_errors(sample.magnitude, sample.lon, sample.lat)
     return np.hypot(errors, scatter) / np.sqrt(n_each * survey.n_galaxies / _SAMPLE_GALAXIES)
 
 
-def _velocity_errors(sample, errors, **options):
+def _predict_velocity_errors(sample, errors, **options):
     field = Field(sample.lon, sample.lat, np.zeros_like(errors), errors, redshift=sample.redshift)
-    ours, constant = predict_velocity(field, 67.3, peculiar_dispersion=_NO_DISPERSION, left_out=False, **options)
-    return float(np.sqrt(np.trace(ours.velocity.covariance) / 3)), float(constant.hubble_error)
+    velocity, hubble = predict_velocity(field, 67.3, peculiar_dispersion=_NO_DISPERSION, left_out=False, **options)
+    return float(np.sqrt(np.trace(velocity.velocity.covariance) / 3)), float(hubble.hubble_error)

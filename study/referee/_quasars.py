@@ -264,7 +264,7 @@ _BLOCK = 20_000
 _ANGLES = np.cos((np.arange(32) + 0.5) * np.pi / 32) ** 2
 
 
-def degree_shift(field: Field, low: int, high: int, floor: Floor | None) -> tuple[FloatArray, FloatArray, float]:
+def check_degree_shift(field: Field, low: int, high: int, floor: Floor | None) -> tuple[FloatArray, FloatArray, float]:
     """Check how the acceleration moves from a fit of degree `low` to one of degree `high`.
 
     Both are linear in the same data: with M the matrix of one less the other, the move M b has the covariance
@@ -297,14 +297,14 @@ def degree_shift(field: Field, low: int, high: int, floor: Floor | None) -> tupl
         noise = normal.matrix * solution.quality.factor**2
     else:
         scale, excess_variance = _fit_scatter(solution.residuals(field))
-        noise = scale * normal.matrix + excess_variance * normal_equations(_with_squared_covariance(field), high).matrix
+        noise = scale * normal.matrix + excess_variance * normal_equations(_square_covariance(field), high).matrix
         noise = noise + normal.matrix @ np.diag(floor.spectrum.variances(modes)) @ normal.matrix
     move, covariance = m @ normal.rhs, m @ noise @ m.T
     chi2 = move @ np.linalg.pinv(covariance, hermitian=True) @ move
     return move, np.sqrt(np.diag(covariance)), float(chdtrc(3, chi2))
 
 
-def _with_squared_covariance(field):
+def _square_covariance(field):
     """The sources with the square of each covariance for a covariance: weights W² in place of W."""
     (s1, s2), rho = field.sigma, field.rho
     a, b, c = s1**2, s2**2, rho * s1 * s2
@@ -312,7 +312,7 @@ def _with_squared_covariance(field):
     return field.with_errors(np.sqrt([p, q]), r / np.sqrt(p * q))
 
 
-def method_shift(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float]:
+def check_method_shift(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float]:
     """Check how the acceleration of degree 1 moves from least squares to Student's t, on random parts of the sources.
 
     Each part gives the difference of the two; Hotelling's T² of their mean asks nothing of the errors.
@@ -349,7 +349,7 @@ def method_shift(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, fl
     return mean, np.sqrt(np.diag(covariance)), float(p)
 
 
-def most_influential_source(field: Field, lmax: int) -> tuple[int, float, float]:
+def find_most_influential_source(field: Field, lmax: int) -> tuple[int, float, float]:
     """The source that moves the acceleration most, by how many of its errors, and how probable that is.
 
     A source moves g by VᵀW r times the covariance, which in errors of g is a quadratic form of its residual r; the
@@ -374,33 +374,33 @@ def most_influential_source(field: Field, lmax: int) -> tuple[int, float, float]
     whitening = np.linalg.inv(np.linalg.cholesky(solution.covariance[np.ix_(rows, rows)])) @ solution.covariance[rows]
     residual = solution.residuals(field)
     blocks = [np.arange(start, min(start + _BLOCK, len(field))) for start in range(0, len(field), _BLOCK)]
-    move_squares = np.concatenate([_squared_influences(residual[block], solution.modes, whitening) for block in blocks])
+    move_squares = np.concatenate([_square_influences(residual[block], solution.modes, whitening) for block in blocks])
     largest = int(np.argmax(move_squares))
     # The scatter of the others: the source that is asked about must not excuse itself.
     scale, excess_variance = _fit_scatter(residual[np.delete(np.arange(len(field)), largest)])
     log_probability = sum(
-        _log_probability_of_none(residual[block], solution, whitening, scale, excess_variance, move_squares[largest])
+        _sum_log_probabilities(residual[block], solution, whitening, scale, excess_variance, move_squares[largest])
         for block in blocks
     )
     return largest, float(np.sqrt(move_squares[largest])), float(-np.expm1(log_probability))
 
 
-def _squared_influences(residual, modes, whitening):
+def _square_influences(residual, modes, whitening):
     """Squared influence of each source on the acceleration, in errors."""
     return np.sum(
-        np.einsum("ajp,jp->ap", _acceleration_derivative(residual, modes, whitening), residual.whitened) ** 2, 0
+        np.einsum("ajp,jp->ap", _differentiate_acceleration(residual, modes, whitening), residual.whitened) ** 2, 0
     )
 
 
-def _acceleration_derivative(residual, modes, whitening):
+def _differentiate_acceleration(residual, modes, whitening):
     """Derivative of the whitened acceleration, (3, 2, n)."""
     g = np.tensordot(whitening, harmonics(residual.lon, residual.lat, modes), 1)
     return np.einsum("aip,jip->ajp", g, _weight_root(residual))
 
 
-def _log_probability_of_none(residual, solution, whitening, scale, excess_variance, move_square):
+def _sum_log_probabilities(residual, solution, whitening, scale, excess_variance, move_square):
     """Log of the probability that none of these sources moves it by so much."""
-    root, derivative = _weight_root(residual), _acceleration_derivative(residual, solution.modes, whitening)
+    root, derivative = _weight_root(residual), _differentiate_acceleration(residual, solution.modes, whitening)
     # What least squares leave of a residual, 1 − R Vᵀ C V Rᵀ, and what all sources scatter by besides.
     white = np.einsum("pin,jin->pjn", harmonics(residual.lon, residual.lat, solution.modes), root)
     redundancy = np.eye(2)[..., None] - np.einsum("pjn,pq,qkn->jkn", white, solution.covariance, white, optimize=True)

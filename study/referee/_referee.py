@@ -9,7 +9,7 @@ from fit.methods import Recommended
 from fit.results.quality import SEEN
 from study.referee._quasars import Quasars
 from study.referee._rows import HINT, Analysis, Check
-from study.referee._sections import analyses, checks
+from study.referee._sections import check_all, repeat_all
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.sections import Answer, Section, text_of
@@ -216,6 +216,6 @@ def referee(quasars: Quasars, rng: Rng = 1, *, earlier: Field | None = None) -> 
     DegeneracyError
         If there are too few sources for a spin and an acceleration.
     """
-    sections_seed, checks_seed = (int(stream.integers(2**31)) for stream in generator(rng).spawn(2))
+    repeat_seed, check_seed = (int(stream.integers(2**31)) for stream in generator(rng).spawn(2))
     main = quasars.recommended
-    return Referee(quasars, main, analyses(quasars, main, sections_seed), checks(quasars, main, checks_seed, earlier))
+    return Referee(quasars, main, repeat_all(quasars, main, repeat_seed), check_all(quasars, main, check_seed, earlier))

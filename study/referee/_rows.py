@@ -48,7 +48,7 @@ class Paper(InNotebook):
 
 
 @cache
-def papers() -> dict[str, Paper]:
+def read_papers() -> dict[str, Paper]:
     """The papers by key, in the order of the file."""
     entries = tomllib.loads((files("study") / "published.toml").read_text(encoding="utf-8"))
     return {

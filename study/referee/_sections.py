@@ -20,15 +20,15 @@ from fit.secular_parallax import observer_velocity
 from study.referee._quasars import (
     MIN_CLASS_SIZE,
     Quasars,
+    check_degree_shift,
+    check_method_shift,
     clip_quasars,
     compare_classes,
     degree_for,
-    degree_shift,
-    method_shift,
-    most_influential_source,
+    find_most_influential_source,
     select_degree,
 )
-from study.referee._rows import NO_VALUE, Analysis, Check, Row, Value, format_verdict, papers
+from study.referee._rows import NO_VALUE, Analysis, Check, Row, Value, format_verdict, read_papers
 from vsh.classes import Classes
 from vsh.field import Field
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, with_redshift
@@ -46,7 +46,7 @@ _FRAMES = ("galactic", "ecliptic", "icrs")
 _MAP_COLUMNS = ("G", "colour", "visibility periods", "scan strength")
 
 
-def checks(quasars: Quasars, headline: Recommended, rng: Rng = 1, earlier: Field | None = None) -> list[Check]:
+def check_all(quasars: Quasars, headline: Recommended, rng: Rng = 1, earlier: Field | None = None) -> list[Check]:
     """Make all checks; one that could not be asked says why."""
     questions: list[tuple[str, str, Callable[[], dict[str, Any]]]] = [
         *((name, f"independent of {name}", partial(_check_column, quasars, name, k, rng))
@@ -64,10 +64,10 @@ def checks(quasars: Quasars, headline: Recommended, rng: Rng = 1, earlier: Field
             ("earlier", "the same in an earlier release", partial(_check_earlier_release, quasars, earlier, rng))
         )
     bar = progress_bar(questions, words="checks", unit="check")
-    return [Check(key, question, **_contents_of(make_contents)) for key, question, make_contents in bar]
+    return [Check(key, question, **_make_contents_or_reason(make_contents)) for key, question, make_contents in bar]
 
 
-def _contents_of(make_contents):
+def _make_contents_or_reason(make_contents):
     """Contents of a check or an analysis, or why it could not be made."""
     try:
         return make_contents()
@@ -105,15 +105,15 @@ def _check_degree(quasars, headline) -> dict[str, Any]:
     lower_degree = degree_for(len(quasars.field), 3)
     if quasars.degree <= lower_degree:
         raise VshError(f"the sources bear no more than degree {quasars.degree}")
-    move, _, p = degree_shift(quasars.field, lower_degree, quasars.degree, headline.floor)
-    formal_p = degree_shift(quasars.field, lower_degree, quasars.degree, None)[2]
+    move, _, p = check_degree_shift(quasars.field, lower_degree, quasars.degree, headline.floor)
+    formal_p = check_degree_shift(quasars.field, lower_degree, quasars.degree, None)[2]
     change = ", ".join(f"{component:+.2f}" for component in move)
     answer = f"from maximum degree {lower_degree} to {quasars.degree} the acceleration changes by ({change}) µas/yr"
     return {"answer": answer, "p_value": p, "at_face_value": formal_p}
 
 
 def _check_method(quasars, rng) -> dict[str, Any]:
-    move, error, p = method_shift(quasars.whole, rng)
+    move, error, p = check_method_shift(quasars.whole, rng)
     components = ", ".join(format_values(move, error))
     return {
         "answer": f"Student's t minus least squares, mean of random subsamples: ({components}) µas/yr",
@@ -123,7 +123,7 @@ def _check_method(quasars, rng) -> dict[str, Any]:
 
 def _check_source(quasars) -> dict[str, Any]:
     field = quasars.field
-    row, size, p = most_influential_source(field, degree_for(len(field), 3))
+    row, size, p = find_most_influential_source(field, degree_for(len(field), 3))
     name = f"row {row}" if field.name is None else one_line_text(field.name[row])
     return {"answer": f"the most influential source, {name}, changes it by {size:.2f} standard errors", "p_value": p}
 
@@ -171,7 +171,7 @@ def _check_maps(quasars, headline, rng) -> dict[str, Any]:
         f"({', '.join(format_values(acceleration.value, acceleration.sigma))}) µas/yr"
     )
     return {
-        "answer": answer, "p_value": _chi2_p_value(template_fit.amplitudes, template_fit.amplitude_covariance),
+        "answer": answer, "p_value": _compute_chi2_p_value(template_fit.amplitudes, template_fit.amplitude_covariance),
         "results": {"templates": template_fit, "cross_powers": powers},
     }  # fmt: skip
 
@@ -202,36 +202,36 @@ class SectionInput:
         return wave_limit(normal, range(2, normal.modes.lmax + 1), systematics=list(SHAPES.values()))
 
 
-def _published_value(paper, name):
-    number = papers()[paper].numbers.get(name)
+def _find_published(paper, name):
+    number = read_papers()[paper].numbers.get(name)
     if number is None:
         return NO_VALUE
     value_type = "limit" if number.limit else "size" if name.startswith("|") else "value"
     return Value(number.value, number.error, value_type)
 
 
-def _vector_rows(paper, letter, theirs, ours):
+def _make_vector_rows(paper, letter, theirs, ours):
     """Rows of a vector: its components, those published where the axes are theirs, and its size."""
     rows = [
         Row(
             f"{letter}_{axis} [µas/yr]",
-            _published_value(paper, f"{letter}_{axis}") if theirs.frame == "icrs" else NO_VALUE,
+            _find_published(paper, f"{letter}_{axis}") if theirs.frame == "icrs" else NO_VALUE,
             Value(theirs.value[k], theirs.sigma[k]), Value(ours.value[k], ours.sigma[k]),
         )
         for k, axis in enumerate("xyz")
     ]  # fmt: skip
-    return [*rows, Row(f"|{letter}| [µas/yr]", _published_value(paper, f"|{letter}|"), _size(theirs), _size(ours))]
+    return [*rows, Row(f"|{letter}| [µas/yr]", _find_published(paper, f"|{letter}|"), _measure(theirs), _measure(ours))]
 
 
-def _size(vector):
+def _measure(vector):
     """The size of a vector, or its limit where it is not seen."""
     if vector.p_value < SEEN:
         return Value(vector.amplitude, vector.amplitude_error, "size")
     return Value(vector.amplitude_limit(), kind="limit")
 
 
-def _p_value_row(quantity, theirs, ours):
-    return Row(f"p, {quantity}", theirs=Value(theirs, kind="p"), shared=Value(ours, kind="p"))
+def _make_p_row(quantity, formal_p, shared_p):
+    return Row(f"p, {quantity}", theirs=Value(formal_p, kind="p"), shared=Value(shared_p, kind="p"))
 
 
 def _repeat_acceleration(inputs: SectionInput) -> dict[str, Any]:
@@ -240,16 +240,16 @@ def _repeat_acceleration(inputs: SectionInput) -> dict[str, Any]:
     fit = clip_quasars(quasars.whole)
     theirs = fit.solution.scaled.acceleration
     ours = inputs.headline.acceleration
-    rows = _vector_rows("klioner2021", "g", theirs, ours)
+    rows = _make_vector_rows("klioner2021", "g", theirs, ours)
     for k, name in enumerate(("ra", "dec")):
         if ours.frame == "icrs":
             values = (
                 Value(vector.direction[k], vector.direction_error[k]) if vector.p_value < SEEN else NO_VALUE
                 for vector in (theirs, ours)
             )
-            rows.append(Row(f"{name} [deg]", _published_value("klioner2021", name), *values))
+            rows.append(Row(f"{name} [deg]", _find_published("klioner2021", name), *values))
     counts = (Value(float(n)) for n in (fit.solution.n_sources, len(quasars.whole)))
-    rows.append(Row("sources", _published_value("klioner2021", "sources"), *counts))
+    rows.append(Row("sources", _find_published("klioner2021", "sources"), *counts))
     return {"rows": rows, "verdict": inputs.headline.answer.sentence, "p_value": ours.p_value}
 
 
@@ -257,7 +257,7 @@ def _repeat_frame(inputs: SectionInput) -> dict[str, Any]:
     """Spin, what is systematic, bright and faint: Gaia-CRF3."""
     quasars, headline = inputs.quasars, inputs.headline
     theirs = fit_field(quasars.field, degree_for(len(quasars.field), 3)).scaled
-    rows = _vector_rows("crf3", "ω", theirs.spin, headline.solution.spin)
+    rows = _make_vector_rows("crf3", "ω", theirs.spin, headline.solution.spin)
     results, remark = {}, ""
     if (systematic_floor := headline.floor) is not None:
         plain = solve(quasars.normal)
@@ -266,11 +266,11 @@ def _repeat_frame(inputs: SectionInput) -> dict[str, Any]:
         variances = systematic_floor.spectrum.variances(plain.modes)[plain.modes.degrees > 1]
         floor_rms = Value(float(np.sqrt(sum(variances) / (4 * np.pi))))
         quantity = f"motions of degrees 2–{plain.modes.lmax}, rms [µas/yr]"
-        rows.append(Row(quantity, _published_value("crf3", "systematic motions"), fit_rms, floor_rms))
+        rows.append(Row(quantity, _find_published("crf3", "systematic motions"), fit_rms, floor_rms))
     try:
         comparison = compare_classes(quasars, Classes.by_edges("G", _G_EDGES, quasars.column("G")), inputs.rng)
         p_values = comparison.at_face_value("T"), comparison.shared.equality("T")
-        rows.append(_p_value_row("bright and faint sources have the same spin", *p_values))
+        rows.append(_make_p_row("bright and faint sources have the same spin", *p_values))
         results["magnitudes"] = comparison.shared
     except VshError as error:
         remark = f"; bright and faint sources are not compared: {error}"
@@ -284,13 +284,13 @@ def _repeat_learnt_redshifts(inputs: SectionInput) -> dict[str, Any]:
     """Three bins of redshift, degree 3: Makarov 2025."""
     z = inputs.quasars.column("redshift")
     comparison = compare_classes(inputs.quasars, Classes.by_edges("z", _Z_EDGES, z).within(z >= 1), inputs.rng, lmax=3)
-    return _redshift_contents(comparison, papers()["makarov2025"].words)
+    return _make_redshift_contents(comparison, read_papers()["makarov2025"].words)
 
 
-def _redshift_contents(comparison, published_text):
+def _make_redshift_contents(comparison, published_text):
     verdict = comparison.verdict
     rows = [
-        _p_value_row(f"one {name} at all redshifts", comparison.at_face_value(kind), comparison.shared.equality(kind))
+        _make_p_row(f"one {name} at all redshifts", comparison.at_face_value(kind), comparison.shared.equality(kind))
         for kind, name in (("T", "spin"), ("S", "acceleration"))
     ]
     sentence = format_verdict(
@@ -306,8 +306,8 @@ def _repeat_position_drift(inputs: SectionInput) -> dict[str, Any]:
     """Dipole and quadrupole by redshift: Tsigkas Kouvelis et al. 2025."""
     quasars = inputs.quasars
     comparison = compare_classes(quasars, Classes.by_parts("z", quasars.column("redshift"), 4), inputs.rng, lmax=2)
-    contents = _redshift_contents(comparison, papers()["tsigkas2025"].words)
-    row, formal_p, p = _quadrupole_row(quasars, inputs.headline)
+    contents = _make_redshift_contents(comparison, read_papers()["tsigkas2025"].words)
+    row, formal_p, p = _make_quadrupole_row(quasars, inputs.headline)
     contents["rows"].append(row)
     if np.isfinite(p):
         null_text = "no quadrupole is detected" if formal_p >= SEEN else "the quadrupole is systematic errors"
@@ -316,20 +316,20 @@ def _repeat_position_drift(inputs: SectionInput) -> dict[str, Any]:
     return contents
 
 
-def _quadrupole_row(quasars, headline):
+def _make_quadrupole_row(quasars, headline):
     """p-values of no quadrupole: with formal errors, and as one of the degrees that sources share."""
     plain = solve(quasars.normal)
     values, covariance = select_degree(plain, 2)
-    theirs, p = _chi2_p_value(values, covariance), float("nan")
+    formal_p, shared_p = _compute_chi2_p_value(values, covariance), float("nan")
     # Degrees from 3 on tell systematic errors; the quadrupole must not judge itself.
     if plain.modes.lmax > 3:
         systematic_floor = floor(plain, range(3, plain.modes.lmax + 1))
         systematic = np.diag(systematic_floor.spectrum.variances(plain.modes)[plain.modes.degrees == 2])
-        p = _chi2_p_value(values, covariance * systematic_floor.noise_scale**2 + systematic)
-    return _p_value_row("no quadrupole", theirs, p), theirs, p
+        shared_p = _compute_chi2_p_value(values, covariance * systematic_floor.noise_scale**2 + systematic)
+    return _make_p_row("no quadrupole", formal_p, shared_p), formal_p, shared_p
 
 
-def _chi2_p_value(values, covariance):
+def _compute_chi2_p_value(values, covariance):
     return float(chdtrc(len(values), values @ np.linalg.solve(covariance, values)))
 
 
@@ -354,16 +354,16 @@ def _repeat_expansion(inputs: SectionInput) -> dict[str, Any]:
     ]
     smallest = min(range(len(result)), key=result.p_value)
     rows += [
-        _p_value_row(f"no expansion, {classes.labels[smallest]}", plain[smallest].p_value, result.p_value(smallest)),
-        _p_value_row("the same in all bins", float("nan"), result.equality()),
-        _p_value_row("no growth with redshift", float("nan"), result.growth()),
+        _make_p_row(f"no expansion, {classes.labels[smallest]}", plain[smallest].p_value, result.p_value(smallest)),
+        _make_p_row("the same in all bins", float("nan"), result.equality()),
+        _make_p_row("no growth with redshift", float("nan"), result.growth()),
     ]
     p = min(1.0, len(result) * result.p_value(smallest))
     growth = format_verdict(result.growth(), "no growth with redshift", "it changes with redshift")
     quadrupole = format_verdict(
         p, "no anisotropic expansion beyond systematic errors", "the expansion differs from axis to axis"
     )
-    verdict = f"{quadrupole}; {growth}; published: {papers()['makarov2026'].words}"
+    verdict = f"{quadrupole}; {growth}; published: {read_papers()['makarov2026'].words}"
     return {"rows": rows, "verdict": verdict, "p_value": p, "results": {"expansion": result}}
 
 
@@ -372,10 +372,10 @@ def _repeat_waves(inputs: SectionInput) -> dict[str, Any]:
     theirs = wave_limit(normal_equations(inputs.quasars.whole, 2)).limit(prior="coefficients")
     harmonics = inputs.wave_limit
     rows = [
-        Row("h70² Ω, Gaia DR3 (Jaraba)", _published_value("jaraba2023", "h70² Ω, Gaia"), Value(theirs, kind="limit")),
-        Row("h70² Ω, VLBA (Jaraba)", _published_value("jaraba2023", "h70² Ω, VLBA"), Value(theirs, kind="limit")),
+        Row("h70² Ω, Gaia DR3 (Jaraba)", _find_published("jaraba2023", "h70² Ω, Gaia"), Value(theirs, kind="limit")),
+        Row("h70² Ω, VLBA (Jaraba)", _find_published("jaraba2023", "h70² Ω, VLBA"), Value(theirs, kind="limit")),
         Row(
-            "h70² Ω, degree 2", _published_value("darling2024", "h70² Ω, degree 2"), Value(theirs, kind="limit"),
+            "h70² Ω, degree 2", _find_published("darling2024", "h70² Ω, degree 2"), Value(theirs, kind="limit"),
             Value(harmonics.limit(), kind="limit"),
         ),
     ]  # fmt: skip
@@ -393,7 +393,7 @@ def _repeat_pairs(inputs: SectionInput) -> dict[str, Any]:
     harmonics = inputs.wave_limit
     rows = [
         Row("h70² Ω by pairs", theirs=value),
-        Row("h70² Ω by pairs, 95 %", _published_value("darling2024", "h70² Ω, pairs"), Value(upper, kind="limit")),
+        Row("h70² Ω by pairs, 95 %", _find_published("darling2024", "h70² Ω, pairs"), Value(upper, kind="limit")),
         Row("h70² Ω by harmonics", shared=Value(harmonics.limit(), kind="limit")),
     ]
     verdict = (
@@ -407,10 +407,10 @@ def _repeat_spectrum(inputs: SectionInput) -> dict[str, Any]:
     """The acceleration with all higher degrees free, and how far its errors grow: Nguyen & Murray 2026."""
     quasars, ours = inputs.quasars, inputs.headline.acceleration
     theirs = solve(quasars.normal).acceleration
-    rows = _vector_rows("nguyen2026", "g", theirs, ours)
+    rows = _make_vector_rows("nguyen2026", "g", theirs, ours)
     growth = float(np.mean(ours.sigma / clip_quasars(quasars.whole).solution.acceleration.sigma))
     rows.append(Row("errors of the headline / formal errors, clipped, degree 3", shared=Value(growth)))
-    lower, upper = (papers()["nguyen2026"][f"errors, {bound}"].value for bound in ("at least", "at most"))
+    lower, upper = (read_papers()["nguyen2026"][f"errors, {bound}"].value for bound in ("at least", "at most"))
     verdict = (
         f"errors of the acceleration{', systematic errors included,' * (inputs.headline.floor is not None)} are "
         f"{growth:.2f} times the formal errors of a clipped fit to degree 3; published: {lower:g} to {upper:g} times"
@@ -450,10 +450,10 @@ _ANALYSES = (
 )
 
 
-def analyses(quasars: Quasars, headline: Recommended, rng: Rng) -> list[Analysis]:
+def repeat_all(quasars: Quasars, headline: Recommended, rng: Rng) -> list[Analysis]:
     """Repeat all published analyses; one that cannot be done says why."""
     repeated, inputs = [], SectionInput(quasars, headline, rng)
     for key, title, repeat_analysis in progress_bar(_ANALYSES, words="published analyses", unit="analysis"):
-        contents = _contents_of(partial(repeat_analysis, inputs))
-        repeated.append(Analysis(title, papers()[key], **contents | {"rows": tuple(contents.get("rows", ()))}))
+        contents = _make_contents_or_reason(partial(repeat_analysis, inputs))
+        repeated.append(Analysis(title, read_papers()[key], **contents | {"rows": tuple(contents.get("rows", ()))}))
     return repeated

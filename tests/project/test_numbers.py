@@ -128,7 +128,9 @@ def check(numbers, name):
         if np.shape(now[where]) != np.shape(kept[where])
         or not np.allclose(now[where], kept[where], rtol=1e-5, atol=1e-7 * scale[where] + 1e-12, equal_nan=True)
     }
-    assert not changed, f"{name}: {len(changed)} of {len(kept)} changed: `python tests/project/test_numbers.py` if they should"
+    assert not changed, (
+        f"{name}: {len(changed)} of {len(kept)} changed: `python tests/project/test_numbers.py` if they should"
+    )
 
 
 def leaves(tree, where=""):

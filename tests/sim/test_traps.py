@@ -7,7 +7,7 @@ from scipy.stats import spearmanr
 
 import sim
 from sim.commands.simulate import main as simulate
-from sim.gaia._link import TRAPS, error_inflation
+from sim.gaia._link import TRAPS, find_error_inflation
 from sim.population import REDSHIFT_BY_MAGNITUDE, assign_redshifts
 from vsh.io.catalogue import read_field
 from vsh.models.covariance import LINDEGREN_2021
@@ -63,7 +63,7 @@ def test_traps_are_shared_by_sources(both):
     """The difference of both skies: systematic errors, stars within five errors, noise of faint ones a tenth larger."""
     clean, trapped = (read_field(table) for table in both)
     away = trapped.motion - clean.motion
-    noise = clean.motion * (error_inflation(clean.magnitude) - 1)
+    noise = clean.motion * (find_error_inflation(clean.magnitude) - 1)
     shared = np.median(np.abs(away - noise)) / 0.6745
     # One sky scatters; between half of it (the bright and red) and all of it is shared by a source.
     assert 0.35 < shared / (TRAPS["DR3"] * np.sqrt(LINDEGREN_2021(np.zeros(1))[0])) < 1.6

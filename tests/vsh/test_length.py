@@ -69,7 +69,7 @@ def test_interval_allows_for_directions_that_the_data_allow():
     profile = _Profile(np.array([3.0, 4.0, -2.0]), np.diag([1.0, 16.0, 16.0]), np.inf)
     lengths = np.linspace(0.2, 3.0, 12)
     nearest, observed = profile._find_nearest(profile.value[:, None, None], lengths)
-    best = profile._tails_at(nearest, profile.noise, lengths, observed)
+    best = profile._get_tails(nearest, profile.noise, lengths, observed)
     tails = profile.find_tails(lengths)
     assert (tails >= best).all()
     assert (tails > best + 0.02).any()

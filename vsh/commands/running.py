@@ -65,9 +65,9 @@ def make_entry(
 def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int:
     """Run an action; returns the exit status: 0, or 1 with one line that says what was wrong."""
     program = options.program
-    wrong = [name for name in _THREAD_VARIABLES if not os.environ.get(name, "1").strip().isdecimal()]
-    if wrong:
-        return _report_failure(program, f"error: {wrong[0]} is {os.environ[wrong[0]]!r}, which is no number of threads")
+    names = [name for name in _THREAD_VARIABLES if not os.environ.get(name, "1").strip().isdecimal()]
+    if names:
+        return _report_failure(program, f"error: {names[0]} is {os.environ[names[0]]!r}, which is no number of threads")
     os.environ["MPLBACKEND"] = "agg"  # a command writes files only, where there may be no screen
     try:
         with (

@@ -81,7 +81,7 @@ def factor_to(name: str, unit: Any, target: Any, from_user: bool) -> float:
     except (ValueError, TypeError):
         origin = "units" if from_user else "the table"
         raise TableError(
-            f"{origin}: {printable(unit)!r}, given for {name}, is no unit that astropy knows: {_remedy(name, target)}"
+            f"{origin}: {printable(unit)!r}, given for {name}, is no unit that astropy knows: {_suggest(name, target)}"
         ) from None
     if not isinstance(astropy_unit, u.UnitBase):
         raise TableError(
@@ -92,14 +92,14 @@ def factor_to(name: str, unit: Any, target: Any, from_user: bool) -> float:
     except (u.UnitConversionError, ValueError, TypeError, AttributeError):
         raise TableError(
             f"column {name!r} is in {printable(unit)!r}, which cannot be turned into {target}: if the table is wrong, "
-            f"{_remedy(name, target)}"
+            f"{_suggest(name, target)}"
         ) from None
     if not 0 < factor < np.inf:
         raise TableError(f"column {name!r} is in {printable(unit)!r}, a negative unit: correct it, --units")
     return factor
 
 
-def _remedy(name, target):
+def _suggest(name, target):
     """The option that says a unit. None is proposed: only the user knows in which unit the numbers are."""
     kinds = {u.deg: "deg, hourangle or rad", u.mas / u.yr: "uas/yr, mas/yr or arcsec/yr", u.Mpc: "kpc or Mpc"}
     return (

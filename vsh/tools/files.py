@@ -64,7 +64,7 @@ def write_votable(table: Table, path: Path) -> None:
     for field in element.fields:
         column = column_of(str(field.name), field.unit)
         field.ucd = column and column.ucd
-        field.unit = _standard_unit(field.unit)
+        field.unit = _convert_to_vounit(field.unit)
         if field.arraysize == "1" and field.datatype in ("char", "unicodeChar"):
             field.arraysize = "*"  # a single character has no array size since erratum 3 of VOTable 1.3
     _add_frame_and_time_scale(document, element, table.meta)
@@ -88,7 +88,7 @@ def write_votable(table: Table, path: Path) -> None:
         path.write_text(text.replace("</TABLE>", "<DATA><TABLEDATA/></DATA></TABLE>"), encoding="utf-8")
 
 
-def _standard_unit(unit):
+def _convert_to_vounit(unit):
     """A unit in the words of VOUnit, which knows uarcsec and not uas."""
     from astropy.units import CompositeUnit, uarcsec, uas
 
@@ -164,14 +164,14 @@ def atomic_write(path: PathName, overwrite: bool = False) -> Iterator[Path]:
     check_not_read(path)
     check_new(path, overwrite)
     _remove_abandoned(path)
-    handle, name = tempfile.mkstemp(prefix=_unfinished_prefix(), suffix=f"-{path.name[-100:]}", dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=_make_prefix(), suffix=f"-{path.name[-100:]}", dir=path.parent)
     os.close(handle)
     temporary_path = Path(name)
     try:
         yield temporary_path
         with temporary_path.open("rb") as file:
             os.fsync(file.fileno())  # else a power cut could leave an empty file under the name
-        os.chmod(temporary_path, _file_permissions(path))
+        os.chmod(temporary_path, _find_permissions(path))
         if overwrite or not _link_new(temporary_path, path):
             check_new(path, overwrite)
             os.replace(temporary_path, path)
@@ -193,7 +193,7 @@ def _link_new(temporary_path, path):
     return True
 
 
-def _unfinished_prefix():
+def _make_prefix():
     """The beginning of the names of unfinished files of this process."""
     return f"{UNFINISHED}{_MACHINE}-{os.getpid()}-"
 
@@ -327,7 +327,7 @@ def atomic_folder(path: PathName) -> Iterator[Path]:
     path = Path(os.path.realpath(path))
     check_not_read(path)
     _remove_abandoned(path)
-    temporary_path = Path(tempfile.mkdtemp(prefix=_unfinished_prefix(), suffix=f"-{path.name[-100:]}", dir=path.parent))
+    temporary_path = Path(tempfile.mkdtemp(prefix=_make_prefix(), suffix=f"-{path.name[-100:]}", dir=path.parent))
     try:
         yield temporary_path
         os.chmod(temporary_path, 0o777 & ~_read_umask())
@@ -360,10 +360,10 @@ def _remove_abandoned(path):
     for candidate in path.parent.glob(f"{UNFINISHED}*-{glob.escape(path.name[-100:])}"):
         if candidate.name.startswith(_LOCK):
             continue
-        machine, _, rest = candidate.name.removeprefix(UNFINISHED).partition("-")
+        machine, _, remainder = candidate.name.removeprefix(UNFINISHED).partition("-")
         try:
             age = time.time() - candidate.stat().st_mtime
-            if candidate.is_symlink() or not (_has_ended(machine, rest.partition("-")[0]) or age > _MAX_AGE):
+            if candidate.is_symlink() or not (_has_ended(machine, remainder.partition("-")[0]) or age > _MAX_AGE):
                 continue
             shutil.rmtree(candidate) if candidate.is_dir() else candidate.unlink()
         except OSError:
@@ -383,7 +383,7 @@ def _has_ended(machine, process_id):
     return False
 
 
-def _file_permissions(path):
+def _find_permissions(path):
     """The permissions of the file that is replaced, or those a new one would have."""
     try:
         return path.stat().st_mode & 0o7777
@@ -453,7 +453,7 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
     metadata = {CREATOR: f"{MARK} {vsh.__version__}"}
     metadata |= {key: value for key, value in table.meta.items() if key != CREATOR}
     table = table.copy(copy_data=False)
-    table.meta = type(table.meta)(_to_plain_types(metadata | (meta or {})))
+    table.meta = type(table.meta)(_convert_to_plain_types(metadata | (meta or {})))
     for name in table.colnames:
         info = table[name].info
         if not info.description and (column := column_of(name, info.unit)):
@@ -548,12 +548,12 @@ _TO_ASCII = str.maketrans({"≥": ">=", "≤": "<=", "−": "-", "µ": "u", "°"
 _ESSENTIAL_KEYS = (FRAME_KEY, MEASURED_KEY)
 
 
-def _to_plain_types(value: Any) -> Any:
+def _convert_to_plain_types(value: Any) -> Any:
     """Metadata with subclasses of str, such as counted notes, as the str that YAML can represent."""
     if isinstance(value, dict):
-        return {key: _to_plain_types(item) for key, item in value.items()}
+        return {key: _convert_to_plain_types(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_to_plain_types(item) for item in value]
+        return [_convert_to_plain_types(item) for item in value]
     return str(value) if isinstance(value, str) else value
 
 

@@ -195,7 +195,7 @@ def prefetch_items(things: Iterator[T]) -> Generator[T, None, None]:
 
 
 @lru_cache
-def _thread_controller():
+def _make_thread_controller():
     return ThreadpoolController()  # looks through all that is loaded, once
 
 
@@ -205,7 +205,7 @@ def limit_blas(size: int) -> Iterator[None]:
     if size > _MANY_ROWS:
         yield
         return
-    with _thread_controller().limit(limits=1, user_api="blas"):
+    with _make_thread_controller().limit(limits=1, user_api="blas"):
         yield
 
 
@@ -221,7 +221,7 @@ def map_blocks(
     slices = [slice(start, min(start + size, n)) for start in range(0, n, size)]
     threads = min(thread_count(threads), len(slices))
     bar = progress_bar(total=n, words=progress, shown=progress is not None, unit=" sources")
-    with bar, _thread_controller().limit(limits=1, user_api="blas"):
+    with bar, _make_thread_controller().limit(limits=1, user_api="blas"):
         if threads <= 1:
             for block in slices:
                 yield function(block)
@@ -253,11 +253,11 @@ def free_memory() -> float:
     with suppress(AttributeError, ValueError, OSError):  # others tell no more than what they have
         if len(limits) == 1:
             limits.append(float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE"))
-    limits.append(_memory_below_limit())
+    limits.append(_find_memory_below_limit())
     return min(limits)
 
 
-def _memory_below_limit():
+def _find_memory_below_limit():
     if resource is None:
         return float("inf")
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)

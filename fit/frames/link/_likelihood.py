@@ -107,7 +107,7 @@ def iterate_nodes(
             s = float(best * np.exp(step * log_sigma))
             values, chi2 = _maximise_posterior(rows, prior, tails, s, centre)
             log_density, weight, curvature = tails.compute_log_density(chi2, d, s)
-            log_evidence, covariance = _approximate_evidence(rows, prior, tails, s, values, weight, curvature)
+            log_evidence, covariance = _compute_laplace_terms(rows, prior, tails, s, values, weight, curvature)
             # The prior is flat in ln s, and the steps are one standard error of ln s.
             log_evidence += float(np.sum(log_density)) + (np.log(log_sigma) if log_sigma else 0.0)
             yield Node(tails, s, values, covariance, log_evidence, weight, tails.outlier(chi2, d, s))
@@ -119,8 +119,8 @@ def combine_nodes(nodes: Sequence[Node]) -> tuple[FloatArray, FloatArray, FloatA
     share = np.exp(log_evidence - logsumexp(log_evidence))
     values = np.array([node.values for node in nodes])
     mean = share @ values
-    off = values - mean
-    covariance = np.einsum("k,kij->ij", share, [node.covariance for node in nodes]) + (share * off.T) @ off
+    offsets = values - mean
+    covariance = np.einsum("k,kij->ij", share, [node.covariance for node in nodes]) + (share * offsets.T) @ offsets
     return mean, covariance, share
 
 
@@ -227,16 +227,16 @@ def _compute_gradients(rows, values):
     return np.add.reduceat(products, np.cumsum(rows.dims) - rows.dims, axis=0)
 
 
-def _approximate_evidence(rows, prior, tails, s, values, weight, curvature):
-    """Compute ln of prior and volume at the highest posterior, and the covariance from the curvature there."""
+def _compute_laplace_terms(rows, prior, tails, s, values, weight, curvature):
+    """Compute the terms of ln of the evidence besides the likelihood, prior and volume, and the covariance."""
     prior_matrix, prior_rhs = prior
     normal_matrix = (rows.design * weight[rows.source, None]).T @ rows.design + prior_matrix
     gradients = _compute_gradients(rows, values)
     matrix = normal_matrix + (gradients * curvature[:, None]).T @ gradients
     if np.linalg.eigvalsh(matrix)[0] <= 0.2 * np.linalg.eigvalsh(normal_matrix)[0]:  # between two modes
         d = rows.dims
-        ratio = (1 - tails.share) * (tails.nu + d) / (tails.nu + d + 2) / s**2
-        matrix = (rows.design * ratio[rows.source, None]).T @ rows.design + prior_matrix
+        expected_weight = (1 - tails.share) * (tails.nu + d) / (tails.nu + d + 2) / s**2
+        matrix = (rows.design * expected_weight[rows.source, None]).T @ rows.design + prior_matrix
     factor = cho_factor(matrix)
-    log_volume = prior_rhs @ values - values @ prior_matrix @ values / 2 - np.sum(np.log(np.diag(factor[0])))
-    return float(log_volume), cho_solve(factor, np.eye(len(values)))
+    log_terms = prior_rhs @ values - values @ prior_matrix @ values / 2 - np.sum(np.log(np.diag(factor[0])))
+    return float(log_terms), cho_solve(factor, np.eye(len(values)))

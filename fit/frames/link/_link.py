@@ -112,10 +112,10 @@ def link(
         tuple(map(float, steps)), order, float(epoch), "parallax" in unknowns,
     )  # fmt: skip
     fixed = {reference_name: ICRF3_EPOCH} if fixed is None else dict(fixed)
-    unknown = [catalogue for catalogue in fixed if catalogue not in astrometry.catalogues]
-    if unknown:
+    unknown_names = [catalogue for catalogue in fixed if catalogue not in astrometry.catalogues]
+    if unknown_names:
         raise ParameterError(
-            f"fixed= names unknown catalogues {', '.join(unknown)}; known are {', '.join(astrometry.catalogues)}"
+            f"fixed= names unknown catalogues {', '.join(unknown_names)}; known are {', '.join(astrometry.catalogues)}"
         )
     raw, notes = make_equations(
         astrometry, parameters, fixed=fixed, aberration=aberration, parallax=parallax, light_time=light_time
@@ -191,10 +191,10 @@ def _check_separable(rows, prior, names, raw):
             shares = np.abs(eigenvectors[:, 0])
             lost = [name for name, share in zip(names, shares, strict=True) if share > 0.1]
     if lost:
-        common = raw.n_matched
-        hint = "leave out unknowns or steps, or give priors" if common else raw.describe_matching()
+        n_both = raw.n_matched
+        hint = "leave out unknowns or steps, or give priors" if n_both else raw.describe_matching()
         raise DegeneracyError(
-            f"{len(rows.names)} sources, {common} of them in two catalogues, cannot separate {', '.join(lost)}: {hint}"
+            f"{len(rows.names)} sources, {n_both} of them in two catalogues, cannot separate {', '.join(lost)}: {hint}"
         )
 
 

@@ -103,8 +103,8 @@ def read_priors(source: Any, magnitude: float | None = None) -> list[LinkPrior]:
         matrix = np.eye(3)
         for name, (i, j) in {"x_y_corr": (0, 1), "x_z_corr": (0, 2), "y_z_corr": (1, 2)}.items():
             matrix[i, j] = matrix[j, i] = read_number(name)
-        own = read_number("magnitude") if "magnitude" in numbers else np.nan
-        row_magnitude, name = own if np.isfinite(own) else magnitude, None if catalogue is None else str(catalogue)
+        entry = read_number("magnitude") if "magnitude" in numbers else np.nan
+        row_magnitude, name = entry if np.isfinite(entry) else magnitude, None if catalogue is None else str(catalogue)
         value = np.array([read_number(axis) for axis in "xyz"])
         priors.append(LinkPrior(str(vector), value, matrix * np.outer(sigma, sigma), row_magnitude, name))
     return priors
@@ -455,22 +455,22 @@ class Equations:
     def _eliminate_groups(self, members, excess, reference):
         """Eliminate the true parameters of groups of one shape."""
         data, rows = self.data, np.array([self.rows[k] for k in members])
-        keep = data.measured[rows[0]]
-        n, m = len(rows), int(keep.sum())
+        is_measured = data.measured[rows[0]]
+        n, m = len(rows), int(is_measured.sum())
         sigma = np.zeros((n, m, m))
-        at = np.cumsum([0, *keep.sum(1)])
-        for j, mask in enumerate(keep):
+        at = np.cumsum([0, *is_measured.sum(1)])
+        for j, mask in enumerate(is_measured):
             sigma[:, at[j] : at[j + 1], at[j] : at[j + 1]] = data.covariance[rows[:, j]][:, mask][:, :, mask]
         if excess:
-            offset = np.zeros((n, *keep.shape, 2))
+            offset = np.zeros((n, *is_measured.shape, 2))
             offset[:, data.catalogue[rows[0]] == reference, :2] = excess * np.eye(2)
-            flat = offset[:, keep]
+            flat = offset[:, is_measured]
             sigma += flat @ flat.transpose(0, 2, 1)
         factor = np.linalg.cholesky(sigma)
-        a, y = np.linalg.solve(factor, self.design[rows][:, keep]), self.residual[rows][:, keep]
+        a, y = np.linalg.solve(factor, self.design[rows][:, is_measured]), self.residual[rows][:, is_measured]
         y = np.linalg.solve(factor, y[..., None])[..., 0]
         log_determinant = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(1)
-        truth = self._stack_truths(rows)[:, keep]
+        truth = self._stack_truths(rows)[:, is_measured]
         length = np.linalg.norm(truth, axis=1, keepdims=True)
         if truth.size:
             u, s, _ = np.linalg.svd(np.linalg.solve(factor, truth / np.where(length > 0, length, 1.0)))

@@ -154,9 +154,9 @@ class FrameTie(FrameResult, NamedSolution):
         step : float
             One of the steps that were sought.
         """
-        return self._combine_and_test(self._jump_combinations(step))[1]
+        return self._combine_and_test(self._make_jump_matrix(step))[1]
 
-    def _jump_combinations(self, step, vectors=None):
+    def _make_jump_matrix(self, step, vectors=None):
         """Rows from the parameters to the jumps of some vectors, all unless given, of all catalogues."""
         unknowns, vectors = self.unknowns, vectors or self._jumping_vectors
         return np.concatenate(
@@ -380,7 +380,7 @@ class FrameTie(FrameResult, NamedSolution):
         if self.searched:
             return self.searched
         groups = [None, *([vector] for vector in self._jumping_vectors)]
-        return tuple(self._combine_and_test(self._jump_combinations(step, group))[2] for group in groups)
+        return tuple(self._combine_and_test(self._make_jump_matrix(step, group))[2] for group in groups)
 
     def _list_level_facts(self, long):
         """List the value of each vector between the steps, and the p-values of the jumps."""

@@ -90,7 +90,7 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
         arrows: Any = {"uplims": True, "fmt": "none", "capsize": 2.5, "elinewidth": 0.8}
         axes.errorbar(l[is_limit], limits, 0.45 * limits, color=colour, **arrows)
         axes.hlines(noise, l - 0.14, l + 0.14, color=colour, linestyle=(0, (1, 1)), linewidth=1.4, zorder=5)
-        # Of errors to come there is no power; where all are limits the key is one.
+        # Errors to come have no power; where all are limits the key is one.
         key = {"marker": marker if is_signal.any() else "v", "linestyle": "none"}
         marker_style: Any = key if is_finite.any() else {"linestyle": ":"}
         handles.append(Line2D([], [], color=colour, label=KIND_NAMES[kind], **marker_style))

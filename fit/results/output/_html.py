@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fit.results.output._files import draw_figures
-from fit.results.output._text import answer_of, subject_of, warnings_of
+from fit.results.output._text import answer_of, find_subject, warnings_of
 from vsh.field import Field
 from vsh.figures import page
 from vsh.figures.plot import close_figures
@@ -102,7 +102,7 @@ def write_html(
     )
     close_figures(new_figures.values())
     page.write_page(
-        path, page.page(title or subject_of(solution), panels, lead=lead, source=source), overwrite=overwrite
+        path, page.page(title or find_subject(solution), panels, lead=lead, source=source), overwrite=overwrite
     )
 
 

@@ -256,7 +256,7 @@ def answer_of(solution: Any) -> Answer:
 
 def _find_reason_for_no_result(solution):
     """Reason why a fit has nothing to quote; None where it has something."""
-    factor, codes = error_factor(solution), codes_of(solution.notes)
+    factor, codes = find_error_factor(solution), codes_of(solution.notes)
     if factor > _WRONG_UNIT_FACTOR:
         return f"residuals are {factor:.3g} times the errors. Are both in the units that were assumed?"
     if TOO_LITTLE_SCATTER in codes:
@@ -270,7 +270,7 @@ def _find_reason_for_no_result(solution):
     return None
 
 
-def error_factor(solution: Any) -> float:
+def find_error_factor(solution: Any) -> float:
     """Factor by which residuals exceed the errors of the catalogue; 1 where χ² does not contradict those."""
     return max(solution.quality.factor, 1.0) if solution.error_source == ErrorSource.CATALOGUE else 1.0
 
@@ -295,8 +295,8 @@ def _describe_difference_from_gaia(acceleration: Vector) -> str:
     difference = replace(acceleration, value=acceleration.value - gaia.value, covariance=covariance, dof=float(dof))
     p = difference.p_value
     hint = "; this may be an instrumental effect" if p < SEEN else ""
-    size = f"{format_with_error(gaia.amplitude, gaia.amplitude_error)} {gaia.unit}"
-    return f"this acceleration is {abs(ndtri(max(p, 1e-300) / 2)):.1f} σ from {size} (p = {printed_p_value(p)}){hint}"
+    edr3 = f"{format_with_error(gaia.amplitude, gaia.amplitude_error)} {gaia.unit}"
+    return f"this acceleration is {abs(ndtri(max(p, 1e-300) / 2)):.1f} σ from {edr3} (p = {printed_p_value(p)}){hint}"
 
 
 def _describe_errors(solution: Any) -> str:
@@ -314,7 +314,7 @@ def _describe_errors(solution: Any) -> str:
         description += ", systematic errors included"
     elif solution.is_recommended:
         description += "; the systematic floor is not known" + (" below degree 3" if solution.modes.lmax < 3 else "")
-    if (factor := error_factor(solution)) > 1:
+    if (factor := find_error_factor(solution)) > 1:
         description += f"; residuals are {factor:.3g} times as large"
     if not solution.includes_floor and ONE_SIDE in codes_of(solution.notes):
         further = ", and degree 1 depends on the degrees above it" if solution.modes.lmax > 1 else ""
@@ -364,14 +364,14 @@ def _format_title(solution, source):
 
 def _list_details(solution):
     """Facts on the fit and the source of its errors."""
-    facts = [("fit", subject_of(solution)), ("coefficients", f"{len(solution.modes)}")]
+    facts = [("fit", find_subject(solution)), ("coefficients", f"{len(solution.modes)}")]
     if np.isfinite(solution.chi2):
         suffix = "" if solution.error_source == ErrorSource.CATALOGUE else " (with the catalogue's errors)"
         facts.append(("χ²/dof", f"{solution.chi2:.6g} / {solution.dof}{suffix}"))
     return [*facts, ("errors from", solution.errors_from)]
 
 
-def subject_of(solution: Any) -> str:
+def find_subject(solution: Any) -> str:
     """Subject of a solution, the title of its page."""
     if is_scalar(solution):
         return f"Spherical harmonics of a scalar field{', in ' * bool(solution.unit)}{solution.unit}"
@@ -396,11 +396,11 @@ def warnings_of(solution: Any) -> list[tuple[str, str]]:
     texts, size = [], len(solution.modes)
     if (warning := solution.quality.warning()) and solution.error_source == ErrorSource.CATALOGUE:
         texts.append(f"{warning}; those below are not scaled")
-    lost = [l for l in range(solution.modes.lowest, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1]
-    if lost and not solution.covariance_dof > 0:
+    degrees = [l for l in range(solution.modes.lowest, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1]
+    if degrees and not solution.covariance_dof > 0:
         texts.append("few sources decide this fit: its errors are not known, and p-values are nan")
-    elif lost:
-        text = f"{_describe_dof(solution)} does not determine the 2l + 1 coefficients of degree {lost[0]} and above"
+    elif degrees:
+        text = f"{_describe_dof(solution)} does not determine the 2l + 1 coefficients of degree {degrees[0]} and above"
         texts.append(f"{text}: p-values are nan there")
     if size <= solution.dof < _FEW_DATA * size:
         text = f"{size} coefficients of {solution.n_data} numbers: errors grow with every degree"

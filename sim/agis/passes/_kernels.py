@@ -21,7 +21,7 @@ _ONE, _TWO, _THREE = np.uintp(1), np.uintp(2), np.uintp(3)
 
 
 @njit(inline="always")
-def _spline_weights(f):
+def _compute_spline_weights(f):
     g = 1.0 - f
     return (
         g * g * g / 6.0,
@@ -41,13 +41,13 @@ def _scan_axes(s, c, table, q):
 
 
 @njit(inline="always")
-def _observation(i, first, transits):
+def _unpack_transit(i, first, transits):
     """Source and knot of an observation, its splines, partial derivatives, axes n and m, and weights."""
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     q, k = np.uintp(source[i]), np.uintp(knot[i] - first)
     s, c, f = np.float64(sin[i]), np.float64(cos[i]), np.float64(frac[i])
     partials = (s, c, fal[i], fac[i], (knot[i] + f) * spacing - middle)
-    return q, k, _spline_weights(f), partials, _scan_axes(s, c, table, q), (table[q, 4], table[q, 5])
+    return q, k, _compute_spline_weights(f), partials, _scan_axes(s, c, table, q), (table[q, 4], table[q, 5])
 
 
 @njit(inline="always")
@@ -70,7 +70,7 @@ def _add_to_source(sources, q, r, partials, along, across):
 
 
 @njit(inline="always")
-def _spline_value(h, k, axis, r, b):
+def _evaluate_spline(h, k, axis, r, b):
     return (
         b[0] * h[k, axis, r] + b[1] * h[k + _ONE, axis, r] + b[2] * h[k + _TWO, axis, r] + b[3] * h[k + _THREE, axis, r]
     )
@@ -80,7 +80,7 @@ def _spline_value(h, k, axis, r, b):
 def _predict_by_attitude(h, k, r, b, axes):
     """Along and across scan by the coefficients of the attitude."""
     nx, ny, nz, mx, my, mz = axes
-    ex, ey, ez = _spline_value(h, k, 0, r, b), _spline_value(h, k, 1, r, b), _spline_value(h, k, 2, r, b)
+    ex, ey, ez = _evaluate_spline(h, k, 0, r, b), _evaluate_spline(h, k, 1, r, b), _evaluate_spline(h, k, 2, r, b)
     return -(nx * ex + ny * ey + nz * ez), mx * ex + my * ey + mz * ez
 
 
@@ -101,22 +101,22 @@ def _add_to_attitude(attitude, k, r, b, axes, along, across):
 
 
 @_compile
-def to_attitude(
+def sum_for_attitude(
     start: int, stop: int, first: int, lengths: tuple, x: FloatArray, attitude: FloatArray, transits: tuple
 ) -> None:
     """Add Cᵀ x to `attitude`: the terms of the attitude's equations that the source parameters x give."""
     for i in range(np.uintp(start), np.uintp(stop)):
-        q, k, b, partials, axes, weights = _observation(i, first, transits)
+        q, k, b, partials, axes, weights = _unpack_transit(i, first, transits)
         for r in range(np.uintp(len(lengths))):
             along, across = _predict_by_source(x, q, r, partials)
             _add_to_attitude(attitude, k, r, b, axes, weights[0] * along, weights[1] * across)
 
 
 @_compile
-def to_sources(start: int, stop: int, lengths: tuple, h: FloatArray, sources: FloatArray, transits: tuple) -> None:
+def sum_for_sources(start: int, stop: int, lengths: tuple, h: FloatArray, sources: FloatArray, transits: tuple) -> None:
     """Add C h to `sources`: the terms of the sources' equations that the attitude coefficients h give."""
     for i in range(np.uintp(start), np.uintp(stop)):
-        q, k, b, partials, axes, weights = _observation(i, 0, transits)
+        q, k, b, partials, axes, weights = _unpack_transit(i, 0, transits)
         for r in range(np.uintp(len(lengths))):
             along, across = _predict_by_attitude(h, k, r, b, axes)
             _add_to_source(sources, q, r, partials, weights[0] * along, weights[1] * across)
@@ -128,30 +128,30 @@ def predict(
 ) -> None:
     """Compute the observations that the parameters x and h predict, and store them in `along` and `across`."""
     for i in range(np.uintp(start), np.uintp(stop)):
-        q, k, b, partials, axes, _ = _observation(i, 0, transits)
+        q, k, b, partials, axes, _ = _unpack_transit(i, 0, transits)
         by_source, by_attitude = _predict_by_source(x, q, 0, partials), _predict_by_attitude(h, k, 0, b, axes)
         along[i], across[i] = by_source[0] + by_attitude[0], by_source[1] + by_attitude[1]
 
 
 @_compile
-def adjoint(
+def add_adjoint(
     start: int, stop: int, first: int, observations: tuple, sources: FloatArray, attitude: FloatArray, transits: tuple
 ) -> None:
     """Apply the weighted transpose of `predict`, and add the result to `sources` and `attitude`."""
     along, across = observations
     for i in range(np.uintp(start), np.uintp(stop)):
-        q, k, b, partials, axes, weights = _observation(i, first, transits)
+        q, k, b, partials, axes, weights = _unpack_transit(i, first, transits)
         weighted_along, weighted_across = weights[0] * along[i], weights[1] * across[i]
         _add_to_attitude(attitude, k, 0, b, axes, weighted_along, weighted_across)
         _add_to_source(sources, q, 0, partials, weighted_along, weighted_across)
 
 
 @_compile
-def blocks(start: int, stop: int, first: int, source_blocks: FloatArray, band: FloatArray, transits: tuple) -> None:
+def add_blocks(start: int, stop: int, first: int, source_blocks: FloatArray, band: FloatArray, transits: tuple) -> None:
     """Add the lower triangles of the sources' blocks, and the lower band of the attitude's matrix, by columns."""
     along, across, n, m = np.empty(5), np.empty(5), np.empty(3), np.empty(3)
     for i in range(start, stop):
-        source, knot, b, (s, c, fal, fac, t), axes, (along_weight, across_weight) = _observation(i, first, transits)
+        source, knot, b, (s, c, fal, fac, t), axes, (along_weight, across_weight) = _unpack_transit(i, first, transits)
         block = source_blocks[source]
         along[0], along[1], along[2], along[3], along[4] = s, c, fal, t * s, t * c
         across[0], across[1], across[2], across[3], across[4] = -c, s, fac, -t * c, t * s

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from sim.agis.passes._scans import BANDS, BLOCK_TRANSITS, PARTS, Scans, spline_weights
+from sim.agis.passes._scans import BANDS, BLOCK_TRANSITS, PARTS, Scans, evaluate_splines
 from vsh.tools.errors import ParameterError
 from vsh.tools.parallel import thread_count
 from vsh.tools.types import BoolArray, FloatArray
@@ -35,7 +35,7 @@ class CompiledPasses:
         self.knots = list(pairwise(edges))
         self.bounds = list(pairwise(np.searchsorted(scans.knot, edges).tolist()))
 
-    def _kernel_arguments(self, chunk=slice(None)):
+    def _make_kernel_arguments(self, chunk=slice(None)):
         """Arguments of the kernels for some transits, which they count from zero."""
         return (*(column[chunk] for column in self.columns), self.table, self.spacing, self.middle)
 
@@ -51,11 +51,11 @@ class CompiledPasses:
 
     def to_attitude(self, x: FloatArray) -> FloatArray:
         """Cᵀ x."""
-        x, lengths, transits = x[self.order], (0,) * x.shape[-1], self._kernel_arguments()
+        x, lengths, transits = x[self.order], (0,) * x.shape[-1], self._make_kernel_arguments()
 
         def sum_attitude(start, stop, first_knot, last_knot):
             attitude = np.zeros((last_knot - first_knot + 3, 3, len(lengths)))
-            self._kernels.to_attitude(start, stop, first_knot, lengths, x, attitude, transits)
+            self._kernels.sum_for_attitude(start, stop, first_knot, lengths, x, attitude, transits)
             return attitude
 
         total = np.zeros((self.coefficients, 3, len(lengths)))
@@ -65,11 +65,11 @@ class CompiledPasses:
 
     def to_sources(self, h: FloatArray) -> FloatArray:
         """C h."""
-        h, lengths, transits = np.ascontiguousarray(h), (0,) * h.shape[-1], self._kernel_arguments()
+        h, lengths, transits = np.ascontiguousarray(h), (0,) * h.shape[-1], self._make_kernel_arguments()
 
         def sum_sources(start, stop, first_knot, last_knot):
             sources = np.zeros((self.n, 5, len(lengths)))
-            self._kernels.to_sources(start, stop, lengths, h, sources, transits)
+            self._kernels.sum_for_sources(start, stop, lengths, h, sources, transits)
             return sources
 
         # From the end, where `to_attitude` stopped: of transits on disk the last are still in memory.
@@ -78,7 +78,7 @@ class CompiledPasses:
     def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Predict the observations by the parameters."""
         along, across = (self.array(len(self.columns[0])) for _ in range(2))
-        x, h, transits = x[self.order][..., None], np.ascontiguousarray(h)[..., None], self._kernel_arguments()
+        x, h, transits = x[self.order][..., None], np.ascontiguousarray(h)[..., None], self._make_kernel_arguments()
         list(self._map_parts(lambda start, stop, *_: self._kernels.predict(start, stop, x, h, along, across, transits)))
         return along, across
 
@@ -94,12 +94,12 @@ class CompiledPasses:
             for offset in range(start, stop, BLOCK_TRANSITS):
                 chunk = slice(offset, min(offset + BLOCK_TRANSITS, stop))
                 observations, k = (along[chunk], across[chunk]), chunk.stop - offset
-                transits = self._kernel_arguments(chunk)
+                transits = self._make_kernel_arguments(chunk)
                 if parameters is not None:
                     prediction = np.empty((2, k))
                     self._kernels.predict(0, k, *parameters, *prediction, transits)
                     observations = tuple(np.subtract(observations, prediction, out=prediction))
-                self._kernels.adjoint(0, k, first_knot, observations, sources, attitude, transits)
+                self._kernels.add_adjoint(0, k, first_knot, observations, sources, attitude, transits)
             return sources, attitude
 
         sources, attitude = np.zeros((self.n, 5, 1)), np.zeros((self.coefficients, 3, 1))
@@ -111,11 +111,11 @@ class CompiledPasses:
     def blocks(self) -> tuple[FloatArray, FloatArray]:
         """Blocks of the sources, (n, 5, 5), and the lower band of the attitude's matrix."""
         source_blocks, band = np.zeros((self.n, 5, 5)), self.array(3 * self.coefficients, BANDS)
-        transits = self._kernel_arguments()
+        transits = self._make_kernel_arguments()
         # In turn, not side by side: these are the largest arrays of all.
         for (start, stop), (first_knot, last_knot) in zip(self.bounds, self.knots, strict=True):
             segment = np.zeros((3 * (last_knot - first_knot + 3), BANDS))
-            self._kernels.blocks(start, stop, first_knot, source_blocks, segment, transits)
+            self._kernels.add_blocks(start, stop, first_knot, source_blocks, segment, transits)
             band[3 * first_knot : 3 * (last_knot + 3)] += segment
         upper = np.triu_indices(5, 1)
         source_blocks[:, upper[0], upper[1]] = source_blocks[:, upper[1], upper[0]]
@@ -145,7 +145,7 @@ class SparsePasses:
         source_blocks = [
             np.stack([s, c, factor, t * s, t * c], axis=1) for s, c, factor in ((sin, cos, fal), (-cos, sin, fac))
         ]
-        b, attitude_columns = spline_weights(frac), 3 * (knot[:, None, None] + np.arange(4)[:, None]) + np.arange(3)
+        b, attitude_columns = evaluate_splines(frac), 3 * (knot[:, None, None] + np.arange(4)[:, None]) + np.arange(3)
         attitude_blocks = [np.einsum("jk,ak->kja", b, axis) for axis in (-perpendicular, m)]
 
         def make_matrix(blocks, block_columns, width):

@@ -235,7 +235,7 @@ class Scans(Frozen):
     @cached_property
     def order(self) -> IntArray:
         """The order of the sources by their places, (n,)."""
-        return _sky_order(self.lon, self.lat)
+        return _find_sky_order(self.lon, self.lat)
 
     def blocks(self) -> Iterator[slice]:
         """Transits so many at a time that no copy of theirs is large."""
@@ -396,7 +396,7 @@ def _sort_transits(chunks, attributes, folder):
     chunks = list(chunks)
     n_transits = sum(map(len, chunks))
     dtypes = {name: np.dtype("i4" if name in ("source", "place", "knot") else "f4") for name in _COLUMNS}
-    rank = np.argsort(_sky_order(attributes["lon"], attributes["lat"]))
+    rank = np.argsort(_find_sky_order(attributes["lon"], attributes["lat"]))
     columns = {
         name: (
             np.empty(n_transits, dtype)
@@ -427,7 +427,7 @@ def _sort_transits(chunks, attributes, folder):
     return columns
 
 
-def _sky_order(lon, lat):
+def _find_sky_order(lon, lat):
     """The order of sources in bands of latitude, along each by longitude; some fifty in a square of a band's height."""
     band = np.floor(lat / np.sqrt(4 * np.pi * 50 / len(lat)))
     return np.lexsort((lon, band))
@@ -444,7 +444,7 @@ def _digest_inputs(law, attributes, ccds):
 BANDS = 12
 
 
-def spline_weights(fraction: FloatArray) -> FloatArray:
+def evaluate_splines(fraction: FloatArray) -> FloatArray:
     """The four B-splines that are not zero at a fraction of an interval, (4, k)."""
     f, g = fraction, 1 - fraction
     return np.stack([g**3, 4 - 6 * f**2 + 3 * f**3, 4 - 6 * g**2 + 3 * g**3, f**3]) / 6

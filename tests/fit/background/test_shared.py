@@ -11,7 +11,7 @@ import fit
 import sim
 import vsh
 from fit.background import Spectrum, compare_classes_jointly, shared
-from fit.background._blocks import ClassEquations, ClassLikelihood, parities, reduce_class_equations
+from fit.background._blocks import ClassEquations, ClassLikelihood, map_parities, reduce_class_equations
 from vsh import DegeneracyError, Field, FrameError, Modes, ModesError, ParameterError
 
 
@@ -57,7 +57,7 @@ def test_likelihood_is_that_of_the_dense_covariance():
     x = np.array([1.0, 0.5, 2.0, 0.7, 1.1, 0.2])
     shares = blocks.shares(x)
     high = modes.degrees > 1
-    prior = np.einsum("kij,k,kl->ikjl", shares[parities(modes)[high]], variances[high], np.eye(high.sum()))
+    prior = np.einsum("kij,k,kl->ikjl", shares[map_parities(modes)[high]], variances[high], np.eye(high.sum()))
     prior = prior.reshape(2 * high.sum(), -1)
     a = np.zeros_like(prior)
     q = high.sum()
@@ -211,7 +211,7 @@ def test_classes_that_share_no_noise_are_classes_of_their_own():
         up, down = (blocks.loss(np.sqrt(x**2 + step * np.eye(x.size)[k]))[0] for step in (1e-5, -1e-5))
         assert (up - down) / 2e-5 == pytest.approx(slope[k], rel=1e-5, abs=1e-7)
     mean, covariance = blocks.fit_free_modes(x)
-    share = blocks.shares(x)[parities(modes)] * variances[:, None, None]
+    share = blocks.shares(x)[map_parities(modes)] * variances[:, None, None]
     prior = np.einsum("pij,pq->ipjq", share, np.eye(len(modes))).reshape(mixed.shape)
     low = np.tile(modes.degrees == 1, 3)
     free = np.eye(rhs.size)[:, low]

@@ -11,7 +11,7 @@ import fit
 import sim
 from fit.background import Spectrum, wave_limit
 from fit.background._amplitude import Amplitude
-from fit.background._waves import probability_above, quadrupole_statistics, quantile
+from fit.background._waves import compute_probability_above, find_quadrupole_statistics, find_quantile
 from vsh.io.catalogue import read_field
 from vsh.tools.errors import ModesError, ParameterError
 
@@ -25,7 +25,7 @@ VLBA = [
 
 def rank(amplitude, value):
     """The probability of a smaller amplitude, with a flat prior."""
-    return float(np.interp(np.sqrt(value), *amplitude._cumulative_probability("flat")))
+    return float(np.interp(np.sqrt(value), *amplitude._integrate_posterior("flat")))
 
 
 @pytest.mark.parametrize(("kappa", "scaled", "limits"), VLBA)
@@ -129,13 +129,13 @@ def test_quadratic_forms():
     """Equal terms are χ², central or not; unequal ones against a million draws."""
     ones, shifts = np.ones(10), np.full(10, 0.6)
     for x in (3.0, 12.0, 40.0):
-        assert probability_above(x, ones, 0 * ones) == pytest.approx(chi2.sf(x, 10), abs=1e-6)
-        assert probability_above(x, ones, shifts) == pytest.approx(ncx2.sf(x, 10, 3.6), abs=1e-6)
+        assert compute_probability_above(x, ones, 0 * ones) == pytest.approx(chi2.sf(x, 10), abs=1e-6)
+        assert compute_probability_above(x, ones, shifts) == pytest.approx(ncx2.sf(x, 10, 3.6), abs=1e-6)
     rng = np.random.default_rng(1)
     variances, shifts = rng.uniform(0.1, 5, 10), rng.normal(size=10)
     draws = np.sum(variances * (rng.normal(size=(10**6, 10)) + shifts) ** 2, 1)
     for probability in (0.05, 0.5, 0.95):
-        assert quantile(probability, variances, shifts) == pytest.approx(np.quantile(draws, probability), rel=5e-3)
+        assert find_quantile(probability, variances, shifts) == pytest.approx(np.quantile(draws, probability), rel=5e-3)
 
 
 def test_messages():
@@ -155,7 +155,7 @@ def test_messages():
     assert few.report().rstrip().endswith("–")
     few.plot()
     # As many numbers as unknowns determine no scatter, whatever the matrix is.
-    assert np.isnan(quadrupole_statistics(fit.normal_equations(random_field(8, 1), 2), 2, True)[0])
+    assert np.isnan(find_quadrupole_statistics(fit.normal_equations(random_field(8, 1), 2), 2, True)[0])
 
 
 def test_limit_by_coefficients_goes_with_the_square_of_the_hubble_constant():

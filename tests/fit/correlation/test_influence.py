@@ -43,7 +43,7 @@ def test_influence_against_finite_differences(seed):
 
 def test_influence_on_variances_and_values():
     field = nonuniform(800, 3)
-    field = field._with(motion=np.random.default_rng(1).normal(size=(2, 800)) * field.sigma)
+    field = field._derive(motion=np.random.default_rng(1).normal(size=(2, 800)) * field.sigma)
     pixels = pixels_of(field.lon, field.lat, 2)
     variance, value = influence_map(field, 2, "a_x", 2), influence_map(field, 2, "a_x", 2, quantity="value")
     for pixel in np.unique(pixels)[:4]:

@@ -18,7 +18,7 @@ def test_leakage_is_the_bias_of_a_noiseless_fit():
     c[[mode.l <= 2 for mode in modes]] = 0
     truth = Coefficients(modes, c)
     found = leakage(field, 2, 5)
-    biased = fit.fit_field(field._with(motion=truth.at(field.lon, field.lat)), 2)
+    biased = fit.fit_field(field._derive(motion=truth.at(field.lon, field.lat)), 2)
     np.testing.assert_allclose(found.of(truth).values, biased.coefficients.values, atol=1e-9)
     assert found.matrix.shape == (16, 54)
     assert found.names[0] == "t(1,0)"
@@ -36,7 +36,7 @@ def test_mean_squared_bias_of_2000_skies():
     squares = np.zeros(6)
     for seed in range(2000):
         truth = sim.random_field(np.r_[0.0, power], rng=seed)
-        solution = fit.fit_field(field._with(motion=truth(field.lon, field.lat)), 1)
+        solution = fit.fit_field(field._derive(motion=truth(field.lon, field.lat)), 1)
         squares += solution.coefficients.values**2 / 2000
     assert np.mean(squares / expected**2) == pytest.approx(1, abs=0.05)
     np.testing.assert_allclose(found.bias({2: 3.0, 3: 2.0, 4: 1.0, 5: 0.5, 6: 0.25}), expected)
@@ -64,7 +64,9 @@ def test_forecasts_with_what_sources_share():
     expected = np.linalg.inv(normal.matrix + prior) + np.diag(np.where(first, spectrum.variances(modes), 0.0))
     np.testing.assert_allclose(predict_covariance(field, 4, floor=spectrum).covariance, expected, rtol=1e-8)
     seen = sim.systematics(spectrum, rng=1)
-    seen = field._with(motion=seen(field.lon, field.lat) + field.sigma * np.random.default_rng(2).normal(size=(2, 400)))
+    seen = field._derive(
+        motion=seen(field.lon, field.lat) + field.sigma * np.random.default_rng(2).normal(size=(2, 400))
+    )
     normal = fit.normal_equations(seen, modes)
     found = floor(normal, noise_scale=False)
     wanted, told = fit.solve(normal, floor=found), predict_covariance(seen, 4, floor=found)

@@ -17,7 +17,7 @@ def catalogues():
     quasars, names = sim.quasars(400, rng=1), np.arange(400).astype(str)
     spins = {"a": TURNED, "b": (0, 0, 0), "c": TURNED}
     fields = (sim.observe(quasars, sim.spin(spin), rng=k, sigma=1.0) for k, spin in enumerate(spins.values()))
-    return {label: field._with(name=names) for label, field in zip(spins, fields, strict=True)}
+    return {label: field._derive(name=names) for label, field in zip(spins, fields, strict=True)}
 
 
 @pytest.fixture(scope="module")

@@ -43,7 +43,7 @@ def test_errors_from_few_replicates_are_no_evidence():
     orbit = galaxy.orbit(Vector([5.0, 1.0, 0.5], 0.1 * np.eye(3), "galactic", dof=11))
     sure = galaxy.orbit(Vector([5.0, 1.0, 0.5], 0.1 * np.eye(3), "galactic"))
     assert orbit.across_p_value > 3 * sure.across_p_value
-    expected, p = orbit.compared(lambda x: np.array([5.0, 0, 0]) / KM_S_MYR)
+    expected, p = orbit.compare_with(lambda x: np.array([5.0, 0, 0]) / KM_S_MYR)
     assert p == Vector(orbit.acceleration.value - expected.value, 0.1 * np.eye(3), "galactic", dof=11).p_value
 
 
@@ -82,20 +82,20 @@ def test_potential():
         return -(238.0**2) * x / np.sum(x**2) * 1.0227121650537077e-3
 
     found = galaxy.orbit(EDR3)
-    expected, p_value = found.compared(plain, height=0.0)
+    expected, p_value = found.compare_with(plain, height=0.0)
     assert expected.value[0] == pytest.approx(4.816, abs=0.005)
     assert p_value == pytest.approx(0.769, abs=0.005)
-    other, again = found.compared(lambda x: plain(x)[:, None] * u.km / u.s / u.Myr, height=0.0)
+    other, again = found.compare_with(lambda x: plain(x)[:, None] * u.km / u.s / u.Myr, height=0.0)
     assert other.value == pytest.approx(expected.value, rel=1e-12)
     assert again == pytest.approx(p_value)
-    assert found.compared(lambda x: plain(x) * 0.5)[1] < 1e-8
+    assert found.compare_with(lambda x: plain(x) * 0.5)[1] < 1e-8
     for bad, said in (
         (3.0, "function of a position"),
         (lambda x: [1.0], "three finite"),
         (lambda x: x * u.kg, "no acceleration"),
     ):
         with pytest.raises(ParameterError, match=said):
-            found.compared(bad)
+            found.compare_with(bad)
 
 
 def test_messages():

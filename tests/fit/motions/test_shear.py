@@ -8,7 +8,7 @@ from scipy.linalg import block_diag
 
 import fit
 import sim
-from fit.background._blocks import ClassEquations, ClassLikelihood, parities, reduce_class_equations
+from fit.background._blocks import ClassEquations, ClassLikelihood, map_parities, reduce_class_equations
 from fit.motions.shear import COMPONENT_INDICES, _is_own_mode, compare_expansions, expansion, from_tensor, to_tensor
 from vsh import Coefficients, Field, Mode, Modes, ModesError, ParameterError
 from vsh.models.covariance import Spectrum
@@ -141,7 +141,7 @@ def test_free_modes_by_the_dense_covariance():
     mean, covariance = blocks.fit_free_modes(x)
     p = len(modes)
     matrix = block_diag(*(each.matrix for each in normals))
-    share = blocks.shares(x)[parities(modes)] * variances[:, None, None]
+    share = blocks.shares(x)[map_parities(modes)] * variances[:, None, None]
     prior = np.einsum("pij,pq->ipjq", share, np.eye(p)).reshape(k * p, -1)
     both = np.c_[np.eye(k * p)[:, np.tile(own, k)], np.eye(k * p)]
     precision = both.T @ matrix @ both

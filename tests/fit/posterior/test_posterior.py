@@ -8,8 +8,8 @@ from scipy.stats import chi2, kstest
 
 import sim
 from fit.posterior import Density, Flat, Normal, Samples, grid, read_samples, sample
-from fit.posterior._model import parallax_model
-from fit.posterior._priors import Priors, checked_priors
+from fit.posterior._model import make_parallax_model
+from fit.posterior._priors import Priors, check_priors
 from fit.secular_parallax import DistanceModel, observer_velocity
 from vsh import Vector
 from vsh.models.cosmology import BACHCHAN_2016, CMB_VELOCITY_PLANCK18
@@ -122,8 +122,8 @@ def test_table_is_the_likelihood(seed):
     rng = np.random.default_rng(seed)
     field = galaxies(60, seed=seed, sigma=4.0, spread=500.0)
     rows = DistanceModel(flows=None).equations(field)
-    given = checked_priors(Priors("flat", Flat(30, 120), Flat(0, 1500), Flat(0, 30)), "icrs")
-    model = parallax_model(rows, given)
+    given = check_priors(Priors("flat", Flat(30, 120), Flat(0, 1500), Flat(0, 30)), "icrs")
+    model = make_parallax_model(rows, given)
     theta = np.column_stack([rng.normal(0, 400, (40, 3)), rng.uniform(30, 120, 40), rng.uniform(0, 1500, 40),
                              rng.uniform(0, 30, 40)])  # fmt: skip
     found = model.log_probability(theta)
@@ -359,7 +359,7 @@ def test_conditional_is_the_integral_over_velocities(velocity):
     """ln of a Gaussian's integral over u is its density at the peak less half of ln det: for each H0, up to one constant."""
     field = galaxies(300)
     calibration = DistanceModel(peculiar_dispersion=300.0, flows=None).equations(field)
-    model = parallax_model(calibration, checked_priors(Priors(velocity, Flat(40, 120)), "icrs"))
+    model = make_parallax_model(calibration, check_priors(Priors(velocity, Flat(40, 120)), "icrs"))
     hubble = np.array([[45.0], [70.0], [110.0]])
     log, mean, _ = model.marginalise_velocity(hubble)
     ratio = hubble / model.likelihood.hubble
@@ -396,6 +396,6 @@ def test_constant_without_an_end_has_no_upper_limit():
 
 
 def test_limits_that_are_given_are_kept():
-    given = checked_priors(Priors("flat-product", Flat(1, 5000)), "icrs", DistanceModel())
+    given = check_priors(Priors("flat-product", Flat(1, 5000)), "icrs", DistanceModel())
     assert given.limits("H0") == (1, 5000)
-    assert checked_priors(Priors(), "icrs", DistanceModel()).limits("H0")[1] == 1000
+    assert check_priors(Priors(), "icrs", DistanceModel()).limits("H0")[1] == 1000

@@ -10,7 +10,7 @@ import fit
 import sim
 from fit.commands.redshift import main
 from fit.redshift import binned, equal_information_edges, permutation_test
-from fit.redshift._solution import equality_chi2, make_shared_flow, slope_chi2
+from fit.redshift._solution import find_equality_chi2, find_slope_chi2, make_shared_flow
 from vsh import Field, Modes, Vector
 from vsh.basis import harmonics
 from vsh.io import catalogue
@@ -85,7 +85,7 @@ def test_higher_degrees_in_common_are_one_fit():
     for solution in found.solutions:
         np.testing.assert_allclose(solution.coefficients.values[rest], theta[12:], rtol=1e-8)
     residual = field.motion - np.einsum("i,ikn->kn", theta, design)
-    chi2 = field._with(motion=residual).chi2
+    chi2 = field._derive(motion=residual).chi2
     assert found.solutions[0].chi2 == pytest.approx(chi2[~second].sum())
 
 
@@ -140,7 +140,7 @@ def test_left_out_sources_are_counted_and_named():
     field = quasars(300, 8)
     z = field.redshift.copy()
     z[:3] = np.nan, -1.0, 9.0
-    found = binned(field._with(redshift=z, name=np.arange(300)), 1, [0.1, 4.0])
+    found = binned(field._derive(redshift=z, name=np.arange(300)), 1, [0.1, 4.0])
     assert "left out 2 of 300 sources without a usable redshift: 1 missing, 1 zero or negative (0, 1)" in found.notes
     assert "left out 1 sources with redshifts outside 0.1 … 4" in found.notes
     assert found.counts.sum() == 297
@@ -209,10 +209,10 @@ def test_shuffling_begins_with_the_same_chi2():
     found = binned(field, 1, 3, flows=None)
     values = np.stack([s.coefficients.values for s in found.solutions])
     covariance = np.stack([s.covariance for s in found.solutions])
-    assert equality_chi2(values, covariance) == pytest.approx(found.equality().quoted)
-    assert slope_chi2(values, covariance, found.redshift) == pytest.approx(found.trend().test.quoted)
+    assert find_equality_chi2(values, covariance) == pytest.approx(found.equality().quoted)
+    assert find_slope_chi2(values, covariance, found.redshift) == pytest.approx(found.trend().test.quoted)
     scaled = covariance * found.scales[:, None, None]
-    assert slope_chi2(values, scaled, found.redshift) == pytest.approx(found.trend().test.chi2)
+    assert find_slope_chi2(values, scaled, found.redshift) == pytest.approx(found.trend().test.chi2)
 
 
 def test_slope_that_is_printed_is_of_degree_one():

@@ -85,7 +85,7 @@ def test_step_of_nu_is_newtons(components):
         sums = {"log": np.log1p(x2 / weight.nu).sum(), "beyond": beyond.sum()}
         weight, length = weight.take_newton_step(sums | {"slope of beyond": (beyond / (weight.nu + x2)).sum()}, len(x2))
     nus = weight.nu * np.array([0.99, 1.0, 1.01])
-    values = [_reweight._mean_log_t(nu, components, np.log1p(x2 / nu).mean()) for nu in nus]
+    values = [_reweight._compute_mean_log_t(nu, components, np.log1p(x2 / nu).mean()) for nu in nus]
     assert values[1] > max(values[0], values[2])
     assert length < 1e-6
     assert StudentT(6.0, False).take_newton_step({}, 1) == (StudentT(6.0, False), 0.0)

@@ -106,8 +106,8 @@ def test_catalogue_that_reaches_far_keeps_its_near_flow():
     """With quasars among them errors were 1.5 times too small: the modes were spread over all distances."""
     near = galaxies(2)
     quasars = sim.observe(sim.quasars(2000, rng=4), sim.acceleration(GLIDE), 5, sigma=10.0)
-    far = quasars[np.asarray(quasars.redshift) > 0.3]._with(redshift_frame="heliocentric", magnitude=None)
-    near = near._with(magnitude=None)
+    far = quasars[np.asarray(quasars.redshift) > 0.3]._derive(redshift_frame="heliocentric", magnitude=None)
+    near = near._derive(magnitude=None)
     both = near + far  # which tell the glide alone
     one = observer_velocity(near, 67.3, acceleration=fit.fit_field(far, 1).acceleration).velocity.sigma
     two = observer_velocity(both, 67.3).velocity.sigma
@@ -130,7 +130,7 @@ def test_too_far_for_flows():
 
 def test_bins_hold_the_dense_covariance_of_the_flow():
     """Each bin by itself has nearly the same, of other modes; and bins share it."""
-    field = galaxies(3, n=400, flow=None)._with(redshift_frame="true", magnitude=None)
+    field = galaxies(3, n=400, flow=None)._derive(redshift_frame="true", magnitude=None)
     found = binned(field, 1, [0.003, 0.012, 0.031], n_modes=60)
     z = np.asarray(field.redshift)
     alone = [binned(field[(z >= a) & (z < b)], 1, [a, b], n_modes=60) for a, b in ((0.003, 0.012), (0.012, 0.031))]
@@ -163,7 +163,7 @@ def test_residuals_say_which_dispersion_they_prefer(taken):
 
 
 def test_residuals_that_tell_nothing_say_so():
-    field = galaxies(7)._with()
+    field = galaxies(7)._derive()
     noisy = field.with_errors(field.sigma * 100).minus(
         -field.sigma * 100 * np.random.default_rng(1).normal(size=(2, len(field)))
     )
@@ -198,7 +198,7 @@ def test_cut_in_heliocentric_redshifts_leaves_densities_unbiased():
             sim.galaxies(40_000, rng, max_redshift=0.016), signal, rng, sigma=2.0, redshifts="heliocentric"
         )
         z = np.asarray(seen.redshift)
-        field = seen[(z > 0.002) & (z < 0.01)]._with(magnitude=None)
+        field = seen[(z > 0.002) & (z < 0.01)]._derive(magnitude=None)
         found = observer_velocity(field, 67.3, flows=None, peculiar_dispersion=300.0).velocity
         along.append(found.value @ OURS / np.linalg.norm(OURS))
     assert np.mean(along) == pytest.approx(369.8, abs=4 * np.std(along) / np.sqrt(12))

@@ -179,9 +179,9 @@ def test_background_as_a_test():
         (lambda f: observer_velocity(f, 70, peculiar_dispersion=-1), ParameterError, "peculiar_dispersion must be zero or more, not -1"),
         (lambda f: observer_velocity(f, 70, spin="none"), ParameterError, "spin is None, 'free' or a Vector"),
         (lambda f: observer_velocity(f[:2], 70), DegeneracyError, "2 sources cannot separate v_x"),
-        (lambda f: observer_velocity(f._with(redshift=None), 70), FieldError, "no redshifts"),
-        (lambda f: observer_velocity(f._with(redshift=np.full(50, 0.01)), 70), DegeneracyError, "more than one distance"),
-        (lambda f: observer_velocity(f._with(redshift=np.r_[np.nan, 0.0, -1, f.redshift[3:]]), 70), FieldError,
+        (lambda f: observer_velocity(f._derive(redshift=None), 70), FieldError, "no redshifts"),
+        (lambda f: observer_velocity(f._derive(redshift=np.full(50, 0.01)), 70), DegeneracyError, "more than one distance"),
+        (lambda f: observer_velocity(f._derive(redshift=np.r_[np.nan, 0.0, -1, f.redshift[3:]]), 70), FieldError,
          "3 of 50 redshifts .* 1 missing, 2 zero or negative"),
     ],
 )  # fmt: skip

@@ -12,9 +12,9 @@ from fit.waves import search, search_in_time
 from fit.waves._search import (
     WhitenedData,
     _compute_whitened_templates,
-    noise_maxima,
+    compute_simulated_p_value,
+    draw_maxima,
     search_directions,
-    simulated_p_value,
 )
 from vsh import DegeneracyError, Field, ModesError, ParameterError
 from vsh.io.epochs import Observations, design_row, read_observations
@@ -45,7 +45,7 @@ def test_noise_is_chi_square_and_p_values_are_uniform():
         noise = replace(white, values=rng.standard_normal(len(white.values)))
         statistic = search_directions(noise, modes, 4)[0]
         one.append(statistic[17])
-        chances.append(simulated_p_value(noise_maxima(noise, modes, 4, 200, rng), statistic.max()))
+        chances.append(compute_simulated_p_value(draw_maxima(noise, modes, 4, 200, rng), statistic.max()))
     assert kstest(one, "chi2", args=(2,)).pvalue > 0.01
     assert kstest(chances, "uniform").pvalue > 0.01
 

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.special import gammaln, lpmv
 
 from sim.agis._system import Iteration, System
-from sim.agis.passes._scans import spline_weights
+from sim.agis.passes._scans import evaluate_splines
 from vsh.basis import harmonics
 from vsh.sky.sphere import triad
 from vsh.tools.errors import ConvergenceError, FrameError
@@ -54,7 +54,7 @@ class ExactResponse:
         scans = self.system.scans
         knot_time = (time + scans.middle) / scans.spacing
         knot = np.clip(knot_time.astype(int), 0, scans.intervals - 1)
-        for i, weight in enumerate(spline_weights(knot_time - knot)):
+        for i, weight in enumerate(evaluate_splines(knot_time - knot)):
             remainder += weight[:, None] * np.einsum("ik,kif->kf", normal, attitude[knot + i])
         return remainder
 

@@ -80,7 +80,9 @@ def test_rotation_in_time_is_attitude_and_a_glide_is_seen(coarse):
     x = coarse.taken(modes, functions)
     stars = [
         np.einsum(
-            "ik,kin->kn", coarse._parameter_partials(pixel, direction, time), x[5 * pixel[:, None] + np.arange(5)]
+            "ik,kin->kn",
+            coarse._compute_parameter_partials(pixel, direction, time),
+            x[5 * pixel[:, None] + np.arange(5)],
         )
         for r, direction in ((preceding, m), (following, other))
         for pixel in [coarse._find_pixels(r)]

@@ -154,4 +154,4 @@ def test_nominal_law_goes_through_the_first_transit(phase):
     mission = sim.Mission(sim.NominalScanningLaw(years=1.0, precession_phase=phase), "DR4")
     seen = read_observations(sim.epochs(sim.quasars(40, 1), sim.spin((0, 0, 0)), 1, mission=mission))
     law = waves._fit_nominal_law([seen], DR4.epoch + seen.time.min(), float(np.ptp(seen.time)), ())
-    assert np.degrees(waves._median_axis_offset(seen, law)) < 0.5
+    assert np.degrees(waves._compute_median_axis_offset(seen, law)) < 0.5

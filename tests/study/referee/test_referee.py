@@ -13,8 +13,14 @@ from conftest import ROOT, real_catalogue
 import sim
 from study.commands.referee import main
 from study.referee import Quasars, Referee, read_quasars, referee
-from study.referee._rows import Value, format_verdict, papers
-from study.referee._sections import SectionInput, _check_earlier_release, _contents_of, _repeat_galaxies, checks
+from study.referee._rows import Value, format_verdict, read_papers
+from study.referee._sections import (
+    SectionInput,
+    _check_earlier_release,
+    _make_contents_or_reason,
+    _repeat_galaxies,
+    check_all,
+)
 from study.referee.page import html
 from vsh import Field
 from vsh.tools.digits import printed_p_value
@@ -68,26 +74,26 @@ def test_spin_has_one_p_value(answer):
 @pytest.mark.slow
 def test_every_paper_has_a_section(answer):
     keys = {section.paper.key for section in answer.sections}
-    assert keys == set(papers()) - {"jaraba2023"}  # beside Darling's
+    assert keys == set(read_papers()) - {"jaraba2023"}  # beside Darling's
     for section in answer.sections:
         assert bool(section.lacking) != bool(section.rows)
     assert {section.paper.key for section in answer.sections if section.lacking} == {"maloney2026"}
 
 
 def test_published_numbers_say_where_they_are():
-    for paper in papers().values():
+    for paper in read_papers().values():
         assert paper.reference
         assert paper.arxiv.replace(".", "").isdigit()
         for number in paper.numbers.values():
             assert number.where
-    klioner = papers()["klioner2021"]
+    klioner = read_papers()["klioner2021"]
     # The amplitude and the direction follow from the components.
     g = np.array([klioner[f"g_{axis}"].value for axis in "xyz"])
     assert np.linalg.norm(g) == pytest.approx(klioner["|g|"].value, abs=0.01)
     assert np.degrees(np.arctan2(g[1], g[0])) % 360 == pytest.approx(klioner["ra"].value, abs=0.1)
     assert np.degrees(np.arcsin(g[2] / np.linalg.norm(g))) == pytest.approx(klioner["dec"].value, abs=0.1)
     assert klioner.citation == "Klioner et al. 2021"
-    nguyen = papers()["nguyen2026"]
+    nguyen = read_papers()["nguyen2026"]
     size = np.linalg.norm([nguyen[f"g_{axis}"].value for axis in "xyz"])
     assert size == pytest.approx(nguyen["|g|"].value, abs=0.12)  # the median of a size is not that of its components
 
@@ -110,7 +116,7 @@ def test_instrument_is_seen(table):
     bent["pmra"] = bent["pmra"] + np.where(faint, 0.5 * np.cos(np.radians(bent["dec"])), 0.0)
     quasars = read_quasars(bent)
     main = quasars.recommended
-    answer = Referee(quasars, main, [], checks(quasars, main, 1))
+    answer = Referee(quasars, main, [], check_all(quasars, main, 1))
     by_g = next(each for each in answer.checks if each.key == "G")
     assert by_g.p_value < 0.0027
     assert answer.conclusion.startswith("an instrumental effect is detected")
@@ -248,14 +254,14 @@ def test_earlier_release(table, tmp_path):
     for glide in ((0, 0, 0), (0, 80, 0)):
         motion = true + noise + sim.acceleration(glide)(whole.lon, whole.lat)
         earlier = Field(whole.lon, whole.lat, motion, 2 * whole.sigma, name=whole.name)
-        contents = _contents_of(lambda earlier=earlier: _check_earlier_release(quasars, earlier, 1))
+        contents = _make_contents_or_reason(lambda earlier=earlier: _check_earlier_release(quasars, earlier, 1))
         assert "whose noise is correlated by" in contents["answer"]
         assert contents["results"]["chain"].correlation[0, 1] == pytest.approx(0.7, abs=0.1)
         p.append(contents["p_value"])
     assert p[0] > 0.01
     assert p[1] < 1e-6
     bare = Field(whole.lon, whole.lat, motion, whole.sigma)
-    assert "no names" in _contents_of(lambda: _check_earlier_release(quasars, bare, 1))["lacking"]
+    assert "no names" in _make_contents_or_reason(lambda: _check_earlier_release(quasars, bare, 1))["lacking"]
 
 
 def test_our_velocity_is_expected_in_the_axes_of_the_catalogue():

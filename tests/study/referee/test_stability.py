@@ -8,7 +8,7 @@ from scipy.stats import kstest
 import sim
 from fit import fit_field, normal_equations
 from fit.background import floor
-from study.referee._quasars import degree_shift, method_shift, most_influential_source
+from study.referee._quasars import check_degree_shift, check_method_shift, find_most_influential_source
 from vsh import Field
 from vsh.models.covariance import Spectrum
 
@@ -28,10 +28,10 @@ def sky(rng, n=N, factor=1.0):
 def test_by_degree_is_exact():
     """The move is that of the two fits, its covariance what skies scatter by."""
     field = sky(np.random.default_rng(1))
-    move, error, _ = degree_shift(field, 2, 5, None)
+    move, error, _ = check_degree_shift(field, 2, 5, None)
     fits = [fit_field(field, lmax).acceleration.value for lmax in (5, 2)]
     np.testing.assert_allclose(move, fits[0] - fits[1], atol=1e-9)
-    seen = [degree_shift(sky(np.random.default_rng(k)), 2, 5, None) for k in range(150)]
+    seen = [check_degree_shift(sky(np.random.default_rng(k)), 2, 5, None) for k in range(150)]
     moves, p = np.array([each[0] for each in seen]), [each[2] for each in seen]
     np.testing.assert_allclose(moves.std(0), error, rtol=0.2)
     assert kstest(p, "uniform").pvalue > 0.01
@@ -45,8 +45,8 @@ def test_by_degree_knows_what_sources_share(n_skies):
         shared = sim.systematics(40 * Spectrum.flat(), seed)(LON, LAT)
         field = sky(np.random.default_rng(seed))
         field = Field(LON, LAT, field.motion + shared, SIGMA, RHO)
-        p.append(degree_shift(field, 2, 6, floor(normal_equations(field, 6)))[2])
-        plain.append(degree_shift(field, 2, 6, None)[2])
+        p.append(check_degree_shift(field, 2, 6, floor(normal_equations(field, 6)))[2])
+        plain.append(check_degree_shift(field, 2, 6, None)[2])
     # One sky in ten with so little to tell the floor by, and without it more than one in four.
     assert np.mean(np.array(p) < 0.05) < 0.1 + 2.5 * np.sqrt(0.1 * 0.9 / n_skies)
     assert np.mean(np.array(plain) < 0.05) > np.mean(np.array(p) < 0.05)
@@ -56,22 +56,22 @@ def test_by_degree_knows_what_sources_share(n_skies):
 @pytest.mark.slow
 def test_by_source():
     """Uniform where errors are right, and found where one source is not."""
-    p = [most_influential_source(sky(np.random.default_rng(k)), 2)[2] for k in range(120)]
+    p = [find_most_influential_source(sky(np.random.default_rng(k)), 2)[2] for k in range(120)]
     assert kstest(p, "uniform").pvalue > 0.01
-    p = [most_influential_source(sky(np.random.default_rng(k), factor=1.7), 2)[2] for k in range(60)]
+    p = [find_most_influential_source(sky(np.random.default_rng(k), factor=1.7), 2)[2] for k in range(60)]
     assert kstest(p, "uniform").pvalue > 0.01
     # Systematic errors beyond the degree of the fit is scatter of the best ones.
     p = []
     for seed in range(60):
         shared = sim.systematics(15 * Spectrum.flat(), seed)(LON, LAT)
         motion = sky(np.random.default_rng(seed)).motion + shared
-        p.append(most_influential_source(Field(LON, LAT, motion, SIGMA, RHO), 2)[2])
+        p.append(find_most_influential_source(Field(LON, LAT, motion, SIGMA, RHO), 2)[2])
     assert np.mean(np.array(p) < 0.05) < 0.12
     field = sky(np.random.default_rng(3))
     motion = field.motion.copy()
     best = int(np.argmin(SIGMA.sum(0)))
     motion[:, best] += 8 * SIGMA[:, best]
-    row, size, p_value = most_influential_source(Field(LON, LAT, motion, SIGMA, RHO), 2)
+    row, size, p_value = find_most_influential_source(Field(LON, LAT, motion, SIGMA, RHO), 2)
     assert row == best
     assert size > 0.5
     assert p_value < 1e-3
@@ -79,7 +79,7 @@ def test_by_source():
 
 def test_by_source_is_the_move_when_it_is_left_out():
     field = sky(np.random.default_rng(8))
-    row, size, _ = most_influential_source(field, 2)
+    row, size, _ = find_most_influential_source(field, 2)
     kept = np.delete(np.arange(N), row)
     whole, rest = (fit_field(each, 2).acceleration for each in (field, field[kept]))
     away = whole.value - rest.value
@@ -98,5 +98,5 @@ def test_by_method_asks_nothing_of_the_errors(monkeypatch, skies):
             field = sky(rng, factor=2.0)
             if tails:
                 field = Field(LON, LAT, rng.standard_t(3, (2, N)) * SIGMA, SIGMA, RHO)
-            p.append(method_shift(field, seed)[2])
+            p.append(check_method_shift(field, seed)[2])
         assert kstest(p, "uniform").pvalue > 0.01

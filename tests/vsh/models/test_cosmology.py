@@ -80,7 +80,7 @@ def test_sources_without_redshift_are_left_out_by_name():
     with pytest.raises(FieldError, match="no redshifts"):
         with_redshift(field)
     z = np.array([0.1, np.nan, 0.0, 0.2, 5e-5, -1.0])
-    named = field._with(redshift=z, name=np.array(list("abcdef")))
+    named = field._derive(redshift=z, name=np.array(list("abcdef")))
     kept = with_redshift(named)
     assert list(kept.name) == ["a", "d"]
     assert "left out 4 of 6" in kept.notes[0]

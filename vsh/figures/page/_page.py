@@ -200,7 +200,7 @@ def page(title: str, panels: Iterable[Panel], *, lead: str = "", source: str = "
     body = re.sub("<h2>(.*?)</h2>", add_anchor, "\n".join(panel.html for panel in shown_panels))
     links = "".join(f'<li><a href="#{anchor}">{text}</a></li>' for anchor, text in headings.items())
     script_names = list(dict.fromkeys(script for panel in shown_panels for script in panel.scripts))
-    script_texts = [d3_script() if name == "d3" else _read_asset(f"{name}.js") for name in script_names]
+    script_texts = [read_d3_script() if name == "d3" else _read_asset(f"{name}.js") for name in script_names]
     style = _read_asset("page.css")
     return Template(_read_asset("page.html")).substitute(
         title=escape(title),
@@ -216,7 +216,7 @@ def page(title: str, panels: Iterable[Panel], *, lead: str = "", source: str = "
 
 
 @lru_cache
-def d3_script() -> str:
+def read_d3_script() -> str:
     """The script that projects the sky, d3 with its licences."""
     return f"/*\n{_read_asset('d3.LICENSES.txt').replace('*/', '')}*/\n{_read_asset('d3.min.js')}"
 

@@ -91,7 +91,7 @@ def draw_vectors(
     has_motion = np.isfinite(amplitude) & (amplitude > 0)
     lon, lat, motion, amplitude = lon[has_motion], lat[has_motion], motion[:, has_motion], amplitude[has_motion]
     scale = scale or float(amplitude.max(initial=0.0)) or 1.0
-    lines, fits = arrow_lines(axes, lon, lat, motion, np.radians(longest) * amplitude / scale)
+    lines, fits = make_arrow_lines(axes, lon, lat, motion, np.radians(longest) * amplitude / scale)
     if np.ndim(color) == 2:
         color = np.asarray(color)[has_motion][fits]
     style = {"zorder": 4} | style
@@ -132,7 +132,7 @@ def draw_key(axes: SkyAxes, largest: float, unit: str, longest: float = LONGEST)
     )
 
 
-def arrow_lines(
+def make_arrow_lines(
     axes: SkyAxes, lon: FloatArray, lat: FloatArray, motion: FloatArray, length: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Points on the map of each arrow that fits there, tail to tip, and which arrows do, a mask."""
@@ -186,10 +186,10 @@ def _join_rings(rings):
 
 def arrow_grid(axes: SkyAxes, step: float = 12.0) -> tuple[FloatArray, FloatArray]:
     """Positions evenly placed on a map, half a step off its rim: as many wherever its centre is."""
-    return axes.of_native(*_join_rings(_whole_sky_rings(step) if axes.is_whole else _half_sky_rings(step)))
+    return axes.of_native(*_join_rings(_place_whole_sky_rings(step) if axes.is_whole else _place_half_sky_rings(step)))
 
 
-def _whole_sky_rings(step):
+def _place_whole_sky_rings(step):
     """Rows of native latitude, each from half a step after the seam to half a step before it."""
     for degrees in np.arange(-90 + step / 2, 90, step):
         # A place so far from the meridian of the seam that an arrow of half a step does not reach it.
@@ -201,7 +201,7 @@ def _whole_sky_rings(step):
         yield degrees, np.linspace(-reach, reach, n) if n > 1 else np.zeros(1)
 
 
-def _half_sky_rings(step):
+def _place_half_sky_rings(step):
     """The middle, and rings about it to half a step off the limb."""
     yield 90.0, np.zeros(1)
     n_rings = int((90 - step / 2) / step)
@@ -217,7 +217,7 @@ CHANCE = 0.05
 SURE, TOP = float(np.sqrt(-2 * np.log(CHANCE))), 6.0
 
 
-def significance_of(motion: FloatArray, basis: FloatArray, covariance: FloatArray) -> FloatArray:
+def compute_significance(motion: FloatArray, basis: FloatArray, covariance: FloatArray) -> FloatArray:
     """√(vᵀC⁻¹v) of each motion, whose square is χ² with two degrees of freedom where there is noise alone."""
     motion_covariance = np.einsum("pin,pq,qjn->nij", basis, covariance, basis, optimize=True)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -306,7 +306,7 @@ def plot_field(
         colour = _NOISE
     elif is_covariance_known:
         basis = harmonics(lon, lat, modes)
-        significance = significance_of(motion, basis, np.asarray(covariance))
+        significance = compute_significance(motion, basis, np.asarray(covariance))
         colour = _make_significance_colours()(np.clip(np.nan_to_num(significance), 0, TOP) / TOP)
     draw_vectors(axes, lon, lat, motion, color=colour)
     largest = float(np.hypot(*motion).max())

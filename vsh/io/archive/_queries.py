@@ -240,7 +240,7 @@ def make_upload(source: Any) -> tuple[bytes, bool]:
     is_text = isinstance(source, (str, Path)) and Path(source).suffix.lower() in _TEXT_ENDINGS
     table = None if is_text else tables.open_table(source)
     if table is None or "source_id" in table.names:
-        return _as_votable({"source_id": np.array(read_ids(source), np.int64)}), True
+        return _encode_votable({"source_id": np.array(read_ids(source), np.int64)}), True
     if {"ra", "dec"} - set(table.names):
         raise ArchiveError(
             f"{table.label} has neither source_id nor ra and dec: the table has {', '.join(table.names[:50])}"
@@ -248,10 +248,10 @@ def make_upload(source: Any) -> tuple[bytes, bool]:
     columns = table.columns([name for name in ("name", "ra", "dec") if name in table.names])
     if any(mask is not None and mask.any() for _, mask in columns.values()):
         raise ArchiveError(f"{table.label}: positions or names are missing")
-    return _as_votable({name: np.asarray(values) for name, (values, _) in columns.items()}), False
+    return _encode_votable({name: np.asarray(values) for name, (values, _) in columns.items()}), False
 
 
-def _as_votable(columns):
+def _encode_votable(columns):
     """A VOTable of columns, as bytes."""
     table = tables.table_of(columns, {}, {name: "deg" for name in columns if name in ("ra", "dec")})
     with tempfile.TemporaryDirectory(prefix="vsh-") as folder:

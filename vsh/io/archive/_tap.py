@@ -126,7 +126,7 @@ def query(
         old_hash = {"sha256": record["sha256"]} if path.exists() and "sha256" in record else {}
         record = {} if overwrite else record
         job = record.get("job") if all(record.get(key) == value for key, value in request.items()) else None
-        job = job if _belongs_to(job, url) else None
+        job = job if _is_job_of(job, url) else None
         row_limit = None if max_rows is None else whole("max_rows", max_rows)
         job = _find_usable_job(job) or _submit_job(adql, url, row_limit, upload)
         _write_note(note, request | {"job": job} | old_hash)
@@ -225,7 +225,7 @@ def _submit_job(adql, url, max_rows, upload=None, table_format="fits"):
     return job
 
 
-def _belongs_to(job, url):
+def _is_job_of(job, url):
     """Return whether an address is one of a service: a note may have been written by anybody."""
     if not isinstance(job, str):
         return False
@@ -245,13 +245,13 @@ def _find_usable_job(job):
 
 def _read_phase(job, deadline=None):
     with _open_url(f"{job}/phase", deadline=deadline) as answer:
-        phase = _read_at_most(answer, 1000, _short_deadline(deadline)).decode("utf-8", "replace").strip()
+        phase = _read_at_most(answer, 1000, _compute_short_deadline(deadline)).decode("utf-8", "replace").strip()
     if phase not in (*_WAITING_PHASES, *_ENDED_PHASES):
         raise ArchiveError(f"{job}/phase sent {printable(phase[:80])!r}, which is no phase of a job")
     return phase
 
 
-def _short_deadline(deadline=None):
+def _compute_short_deadline(deadline=None):
     """Until when a short answer is waited for, by the monotonic clock."""
     soon = time.monotonic() + _TIMEOUT
     return soon if deadline is None else min(soon, max(deadline, time.monotonic() + 1.0))
@@ -301,7 +301,7 @@ def _wait_for_job(job, patience, interval, progress):
             interval = min(1.3 * interval, 30.0)
     if phase != "COMPLETED":
         with _open_url(f"{job}/error") as answer:
-            message = _extract_message(_read_at_most(answer, _BLOCK_BYTES, _short_deadline()))
+            message = _extract_message(_read_at_most(answer, _BLOCK_BYTES, _compute_short_deadline()))
         raise ArchiveError(f"the query ended {phase.lower()}: {message or 'the server does not say why'}")
 
 
@@ -401,14 +401,14 @@ def _open_url(url, form=None, deadline=None, upload=None):
 
     threading.Thread(target=ask, daemon=True).start()
     try:
-        answer = answers.get(timeout=max(_short_deadline(deadline) - time.monotonic(), 0.1))
+        answer = answers.get(timeout=max(_compute_short_deadline(deadline) - time.monotonic(), 0.1))
     except queue.Empty:
         raise ArchiveError(f"{url} does not answer in time") from None
     if not isinstance(answer, BaseException):
         return answer
     if isinstance(answer, urllib.error.HTTPError):
         with answer:
-            message = _extract_message(_read_at_most(answer, _BLOCK_BYTES, _short_deadline()))
+            message = _extract_message(_read_at_most(answer, _BLOCK_BYTES, _compute_short_deadline()))
         raise _RefusedError(f"{url} answered {answer.code}: {message or answer.reason}") from answer
     if isinstance(answer, (OSError, http.client.HTTPException, ValueError)):
         reason = getattr(answer, "reason", None) or answer

@@ -80,15 +80,15 @@ def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str
         name = getattr(columns, f.name)
         if name is None and f.name not in REQUIRED:
             continue
-        present = [candidate for candidate in _names.candidates_of(name) if candidate in source.names]
+        present = [candidate for candidate in _names.list_candidates(name) if candidate in source.names]
         if present:
             column_names[f.name] = present[0]
         elif name is None or isinstance(name, str):
             absent.append((f.name, name))
         elif f.name == "pmra_pmdec_corr":
-            notes += _notes_on_correlations(name, source, column_names.get("pmra"))
+            notes += _describe_missing_correlations(name, source, column_names.get("pmra"))
         elif f.name in ("solution", "quality"):
-            notes += _notes_on_flags(f.name, name, source)
+            notes += _describe_unused_flags(f.name, name, source)
     # What a field wrote of itself it reads: elsewhere a column called distance or parallax may be anything.
     for role in str(source.meta.get(MEASURED_KEY, "")).split():
         if role in UNIT_REQUIRED and role in source.names and role not in (wanted.asked or ()):
@@ -137,7 +137,7 @@ def _propose_columns(absent, column_names, source):
     choice = {role: guesses.get(role, "…") for role in absent}
     all_names = column_names | choice
     unitless = [all_names.get(role, "…") for role in REQUIRED[2:]]
-    unitless = [name for name in unitless if name != "…" and unit_of(name, {}, source) is None]
+    unitless = [name for name in unitless if name != "…" and find_unit(name, {}, source) is None]
     options = {"columns": choice}
     if unitless and "…" not in choice.values():
         options["units"] = dict.fromkeys(unitless, "mas/yr")
@@ -147,7 +147,7 @@ def _propose_columns(absent, column_names, source):
     return f"{python} ({shell})" + (", or another unit" if "units" in options else "")
 
 
-def _notes_on_flags(role, names, source):
+def _describe_unused_flags(role, names, source):
     """Notes on columns of flags under other names than those that are looked for."""
     similar = [column for column in source.names if any(name in column.lower() for name in names)]
     text = f"warning: {', '.join(map(printable, similar))} is not used to leave out sources; "
@@ -155,12 +155,12 @@ def _notes_on_flags(role, names, source):
     return [CodedNote(f"{text}{remedy} uses it", DOUBT)] if similar else []
 
 
-def _notes_on_correlations(names, source, motion):
+def _describe_missing_correlations(names, source, motion):
     """Notes on a table without correlations where they are looked for; those of other motions are not proposed."""
     correlations = find_correlations(source)
     motions = [n for n in source.names if n not in correlations and not re.search("err|sig|unc|std|parallax|plx", n)]
-    others = {_names.affixes_of(name, "pmra") for name in motions} - {_names.affixes_of(motion, "pmra"), ("", "")}
-    similar = [name for name in correlations if not any(name.startswith(b) and name.endswith(a) for b, a in others)]
+    affixes = {_names.find_affixes(name, "pmra") for name in motions} - {_names.find_affixes(motion, "pmra"), ("", "")}
+    similar = [name for name in correlations if not any(name.startswith(b) and name.endswith(a) for b, a in affixes)]
     if not similar:
         text = f"no column {' or '.join(dict.fromkeys(names))}: correlations taken as zero"
         return [CodedNote(text, ASSUMED_MOTIONS)]
@@ -205,28 +205,28 @@ _MAX_MOTION = 3e6
 _SMALL_SHARE = 0.1
 
 
-def size_warnings(field: Any, at_least: int = 20, *, is_assumed: bool = False) -> list[str]:
+def describe_odd_sizes(field: Any, min_sources: int = 20, *, is_assumed: bool = False) -> list[str]:
     """Warnings of numbers that no survey has, with the likely cause; nothing is changed.
 
     Where the unit of motions is assumed, smaller numbers are doubted already.
     """
     error_limits = _PLAUSIBLE_ERRORS[0], _PLAUSIBLE_ERRORS[1] / (2 if is_assumed else 1)
     sigma, motion = field.sigma, field.motion
-    if len(field) < at_least or (motion == 0).all():
+    if len(field) < min_sources or (motion == 0).all():
         return []
     # Where all are plausible their medians are, which take longer to see.
     (least, most), (lowest, highest) = span_of(sigma), span_of(motion)
-    plausible = is_within((least, most), *error_limits) and is_within((lowest, highest), -_MAX_MOTION, _MAX_MOTION)
-    notes = [] if plausible else _motion_warnings(np.median(sigma), np.median(np.abs(motion)), error_limits)
+    is_plausible = is_within((least, most), *error_limits) and is_within((lowest, highest), -_MAX_MOTION, _MAX_MOTION)
+    notes = [] if is_plausible else _describe_odd_medians(np.median(sigma), np.median(np.abs(motion)), error_limits)
     if max(-lowest, highest) < _SMALL_SHARE * least:
         text = f"no motion is above {max(-lowest, highest):.3g} µas/yr, and no error below {least:.3g} µas/yr"
         notes.append(CodedNote(f"warning: {text}: in which units are they (units=, --units)?", DOUBT))
     if field.redshift is not None and field.distance is not None:
-        notes += _distance_warnings(field.distance, field.redshift)
+        notes += _describe_odd_distances(field.distance, field.redshift)
     return notes
 
 
-def _distance_warnings(distance, redshift):
+def _describe_odd_distances(distance, redshift):
     """A warning where distances and redshifts are apart by a power of ten or more, as kpc and Mpc are."""
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = distance * 70 / (SPEED_OF_LIGHT * np.where(redshift > 0.002, redshift, np.nan))
@@ -237,15 +237,15 @@ def _distance_warnings(distance, redshift):
     return [CodedNote(f"warning: {text}", DOUBT)]
 
 
-def _motion_warnings(median_error, median_motion, error_limits):
+def _describe_odd_medians(median_error, median_abs_motion, error_limits):
     """Warnings of a median error and a median motion in µas/yr."""
     notes = []
     if not error_limits[0] < median_error < error_limits[1]:
-        side, likely = ("above", "µas/yr read as mas/yr") if median_error > 1 else ("below", "mas/yr read as µas/yr")
-        text = f"{side} {median_error:.3g} µas/yr, which no survey has: {likely}? Say the unit: units= (--units)"
+        side, cause = ("above", "µas/yr read as mas/yr") if median_error > 1 else ("below", "mas/yr read as µas/yr")
+        text = f"{side} {median_error:.3g} µas/yr, which no survey has: {cause}? Say the unit: units= (--units)"
         notes.append(CodedNote(f"warning: half of the errors are {text}", DOUBT))
-    if median_motion > 300 * max(median_error, 1.0) and median_motion > _MAX_MOTION:
-        text = f"above {median_motion:.3g} µas/yr: is the unit right (units=, --units)?"
+    if median_abs_motion > 300 * max(median_error, 1.0) and median_abs_motion > _MAX_MOTION:
+        text = f"above {median_abs_motion:.3g} µas/yr: is the unit right (units=, --units)?"
         notes.append(CodedNote(f"warning: half of the motions are {text}", DOUBT))
     return notes
 
@@ -270,7 +270,7 @@ class RowSelection:
         fingerprint = np.packbits(selection), np.array([first_row]), *(array for array, _ in list(block.values())[:2])
         note = UnselectedRows.of_table(counts, len(selection), *fingerprint, names=(self._where.shown,))
         if not selection.any():
-            raise nothing_selected((note,))
+            raise make_selection_error((note,))
         rows = np.flatnonzero(selection)
         selected_block = {
             name: (values[rows], None if mask is None else np.asarray(mask)[rows])
@@ -279,14 +279,14 @@ class RowSelection:
         return selected_block, first_row + rows, [note]
 
 
-def nothing_selected(notes: Iterable[str]) -> EmptySelectionError:
+def make_selection_error(notes: Iterable[str]) -> EmptySelectionError:
     """The error of a table without a selected row."""
     error = EmptySelectionError("no row is left by --where: " + "; ".join(map(str, notes)))
     error.notes = tuple(notes)
     return error
 
 
-def conversion_factors(
+def find_conversion_factors(
     column_of: Mapping[str, str], units: Mapping[str, Any] | None, source: TableSource, assumed_unit: str | None = None
 ) -> Any:
     """Factors on the columns by role, and the names of the columns that were taken in an assumed unit, by unit."""
@@ -301,12 +301,12 @@ def conversion_factors(
     like_gaia = REQUIRED[3:] if column_of.get("pmra", "").lower() == "pmra" else ()
     for role in [role for role in (*REQUIRED, *FURTHER_UNITS) if role in column_of]:
         name, target = column_of[role], UNITS.get(role, FURTHER_UNITS.get(role))
-        unit = unit_of(name, units, source)
+        unit = find_unit(name, units, source)
         if role == "ra" and str(unit).strip().lower() in ("h", "hr", "hour", "hours"):
             unit = "hourangle"
         if unit is not None:
-            role_factors[role] = _factor_of_role(role, name, unit, target, name in units)
-        elif role in _UNIT_OF and (unit := unit_of(column_of[_UNIT_OF[role]], units, source)) is not None:
+            role_factors[role] = _find_factor_of_role(role, name, unit, target, name in units)
+        elif role in _UNIT_OF and (unit := find_unit(column_of[_UNIT_OF[role]], units, source)) is not None:
             # An error is in the unit of what it is the error of, unless the table states another.
             motion = column_of[_UNIT_OF[role]]
             assumed_units.setdefault(f"{_format_unit(unit)}, the unit of {printable(motion)}", []).append(name)
@@ -344,7 +344,7 @@ _UNIT_OF = {"pmra_error": "pmra", "pmdec_error": "pmdec"}
 _GAIA_UNITS = (*REQUIRED, "parallax", "parallax_error")
 
 
-def unit_of(name: str, units: Mapping[str, Any], source: TableSource) -> Any:
+def find_unit(name: str, units: Mapping[str, Any], source: TableSource) -> Any:
     """The unit of a column: the user's, the table's, or that in its name; None where nobody says it."""
     for unit in (units.get(name), source.units.get(name), name_and_unit(name)[1]):
         if unit is not None and str(unit).strip():
@@ -357,7 +357,7 @@ def _format_unit(unit):
     return str(unit)
 
 
-def notes_on_units(column_of: Mapping[str, str], units: Mapping[str, Any]) -> list[str]:
+def describe_mixed_units(column_of: Mapping[str, str], units: Mapping[str, Any]) -> list[str]:
     """A note where motions and their errors are not all in one unit, which is seldom meant."""
     roles = [role for role in REQUIRED[2:] if role in units]
     scales = {role: units[role] for role in roles if not column_of[role].startswith(ASSUMED)}
@@ -367,7 +367,7 @@ def notes_on_units(column_of: Mapping[str, str], units: Mapping[str, Any]) -> li
     return [CodedNote(f"proper motions and errors are in different units: is that so? ({listing})", ASSUMED_UNITS)]
 
 
-def _factor_of_role(role, name, unit, target, from_user):
+def _find_factor_of_role(role, name, unit, target, from_user):
     """The factor of a column that may be a pure number, a magnitude or a distance."""
     try:
         astropy_unit = parse_unit(unit)

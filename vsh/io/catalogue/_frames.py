@@ -64,7 +64,7 @@ class TableFrames(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def frames_of(column_of: Mapping[str, str], frame: str | None, source: TableSource) -> TableFrames:
+def find_frames(column_of: Mapping[str, str], frame: str | None, source: TableSource) -> TableFrames:
     """The axes of a table: those asked for, those it states of itself, or by the names of its columns.
 
     If positions have names of one frame and motions those of ICRS (l, b, pmra, pmdec), they are in these two frames.
@@ -74,7 +74,7 @@ def frames_of(column_of: Mapping[str, str], frame: str | None, source: TableSour
     TableError
         If the table states axes that are not read, or names alone do not tell them.
     """
-    by_name = _frame_by_names(column_of.get("ra"), column_of.get("dec"))
+    ra_frame = _find_frame_by_names(column_of.get("ra"), column_of.get("dec"))
     labels = [column_of.get(role, "") for role in (*_POSITIONS, "pmra", "pmdec")]
     b1950_names, supergalactic = filter(_B1950_NAME.search, labels[:2]), filter(_SUPERGALACTIC_NAME.fullmatch, labels)
     for kind, matches in (("positions of B1950", b1950_names), ("supergalactic axes", supergalactic)):
@@ -83,34 +83,34 @@ def frames_of(column_of: Mapping[str, str], frame: str | None, source: TableSour
                 f"column {printable(name)!r}: {kind} are not read. Turn them to ICRS first, or say frame= (--columns "
                 "frame=) if the name is wrong"
             )
-    of_motions = _frame_of_motions(column_of)
-    _check_error_axes(column_of, of_motions)
-    stated, notes = (None, ()) if frame is not None else _stated_frame(column_of, source)
-    known_frame = check_frame(frame) if frame is not None else stated if by_name in (None, stated) else None
-    if by_name and of_motions == "icrs" and known_frame in (None, by_name):
+    motion_frame = _find_frame_of_motions(column_of)
+    _check_error_axes(column_of, motion_frame)
+    stated, notes = (None, ()) if frame is not None else _read_stated_frame(column_of, source)
+    known_frame = check_frame(frame) if frame is not None else stated if ra_frame in (None, stated) else None
+    if ra_frame and motion_frame == "icrs" and known_frame in (None, ra_frame):
         names = ", ".join(printable(column_of[role]) for role in (*_POSITIONS, "pmra", "pmdec"))
-        note = f"{names}: {by_name} positions, turned to ICRS, in whose axes the motions are by their names"
-        return TableFrames("icrs", by_name, (*notes, note))
+        note = f"{names}: {ra_frame} positions, turned to ICRS, in whose axes the motions are by their names"
+        return TableFrames("icrs", ra_frame, (*notes, note))
     if known_frame is not None:
         return TableFrames(known_frame, known_frame, notes)
-    if by_name and of_motions == by_name:
-        return TableFrames(by_name, by_name, (f"{by_name} axes, by the names of the columns",))
-    if by_name:
-        role = next(role for role in _POSITIONS if _frame_by_names(column_of.get(role)))
+    if ra_frame and motion_frame == ra_frame:
+        return TableFrames(ra_frame, ra_frame, (f"{ra_frame} axes, by the names of the columns",))
+    if ra_frame:
+        role = next(role for role in _POSITIONS if _find_frame_by_names(column_of.get(role)))
         raise TableError(
-            f"column {column_of[role]!r} is given as {role}: are these {by_name} coordinates? Say frame={by_name!r} "
-            f'(--columns frame={by_name}), or frame="icrs"'
+            f"column {column_of[role]!r} is given as {role}: are these {ra_frame} coordinates? Say frame={ra_frame!r} "
+            f'(--columns frame={ra_frame}), or frame="icrs"'
         )
     return TableFrames("icrs", "icrs", notes)
 
 
-def _frame_by_names(*names):
+def _find_frame_by_names(*names):
     """The frame that names of positions are of, other than ICRS."""
     plain_names = [re.sub(r"[^a-z]", "", name_and_unit(name)[0].lower()) for name in names if name]
     return next((frame for frame, known in _BY_NAME.items() if any(name in known for name in plain_names)), None)
 
 
-def _frame_of_motions(column_of, suffix=""):
+def _find_frame_of_motions(column_of, suffix=""):
     """The frame that the names of both components of the motions are of, or of what has the suffix; or None."""
     names = [column_of[f"{role}{suffix}"] for role in ("pmra", "pmdec") if f"{role}{suffix}" in column_of]
     plain_names = [_ERROR_WORDS.sub("", name_and_unit(name)[0]).strip("_ ") for name in names]
@@ -120,7 +120,7 @@ def _frame_of_motions(column_of, suffix=""):
 
 def _check_error_axes(column_of, of_motions):
     """Raise TableError where errors have the names of other axes than the motions have."""
-    of_errors = _frame_of_motions(column_of, "_error")
+    of_errors = _find_frame_of_motions(column_of, "_error")
     roles = ("pmra", "pmdec", "pmra_error", "pmdec_error")
     is_of_any_axes = any(re.search(r"(pm|mu)_?(lon|lat)", column_of.get(role, ""), re.IGNORECASE) for role in roles)
     if of_motions and of_errors and of_motions != of_errors and not is_of_any_axes:  # longitudes are of any axes
@@ -132,7 +132,7 @@ def _check_error_axes(column_of, of_motions):
         )
 
 
-def _stated_frame(column_of, source):
+def _read_stated_frame(column_of, source):
     """The frame that a table states of itself, or None, and notes."""
     header = {str(key).upper(): value for key, value in source.meta.items()}
     if header.get(FRAME_KEY) in FRAMES:
@@ -149,11 +149,11 @@ def _stated_frame(column_of, source):
         listing = ", ".join(sorted(printable(name) for name, _ in systems))
         raise TableError(f"{source.label} states several coordinate systems of its positions: {listing}. Say frame=")
     for name, equinox in systems:
-        return _frame_of_system(name, equinox, source.label)
+        return _find_frame_of_system(name, equinox, source.label)
     return None, ()
 
 
-def _frame_of_system(name, equinox, label):
+def _find_frame_of_system(name, equinox, label):
     """Our frame of a system that a table names, and notes."""
     system = _SYSTEMS.get(name.lower())
     year = _parse_equinox(equinox)
@@ -185,7 +185,7 @@ def turn_positions(columns: dict[str, Any], frames: TableFrames) -> None:
         columns[role] = np.ma.MaskedArray(np.degrees(values), missing) if missing.any() else np.degrees(values)
 
 
-def redshift_frame_of(column_of: Mapping[str, str], source: TableSource) -> str | None:
+def find_redshift_frame(column_of: Mapping[str, str], source: TableSource) -> str | None:
     """The frame of a table's redshifts, where its metadata or the column's description tell it."""
     if "redshift" not in column_of:
         return None

@@ -10,7 +10,7 @@ import numpy as np
 
 from vsh.field import MEASURED, Field
 from vsh.io import tables
-from vsh.io.catalogue._columns import RowSelection, check_degrees, parse_sexagesimal, unit_of
+from vsh.io.catalogue._columns import RowSelection, check_degrees, find_unit, parse_sexagesimal
 from vsh.io.catalogue._names import ColumnRequest
 from vsh.io.columns import missing_column, unit_factor
 from vsh.sky.frames import AXES, Positions
@@ -166,7 +166,7 @@ def match(
     i, j, ambiguous = counterparts(a, b, by=by, radius=radius) if pairs is None else pairs
     positions = isinstance(a, Positions)
     b = b.at_epoch(a.epoch) if positions else b
-    difference = _offsets(a, b, i, j) if positions else a.motion[:, i] - b.motion[:, j]
+    difference = _compute_offsets(a, b, i, j) if positions else a.motion[:, i] - b.motion[:, j]
     covariance = _select_covariances(a, i) + _select_covariances(b, j)
     sigma = np.sqrt(covariance[:2])
     unmatched_counts = f"{len(a) - len(i)} of {len(a)} and {len(b) - len(j)} of {len(b)}"
@@ -175,7 +175,7 @@ def match(
         "them with several counterparts"
     ]
     if by == "name":
-        separation = np.hypot(*difference) if positions else _excess_separation(a, b, i, j)
+        separation = np.hypot(*difference) if positions else _compute_excess_separations(a, b, i, j)
         n_distant = int((separation > 1e6).sum())
         if n_distant > max(_FAR_APART * len(i), 3):
             k = int(np.argmax(separation > 1e6))
@@ -243,7 +243,7 @@ def _match_by_position(a, b, radius):
     return (i, j), int(n_with_neighbours - 2 * len(i))
 
 
-def _offsets(a, b, i, j):
+def _compute_offsets(a, b, i, j):
     """Δα cos δ and Δδ along the local axes of a, (2, k). [µas]"""
     p, q, r = triad(a.lon[i], a.lat[i])
     # Differences of unit vectors lose nothing that matters: 1e-16 rad is 2e-5 µas.
@@ -251,7 +251,7 @@ def _offsets(a, b, i, j):
     return np.stack([np.sum(difference * p, 0), np.sum(difference * q, 0)]) / UAS
 
 
-def _excess_separation(a, b, i, j):
+def _compute_excess_separations(a, b, i, j):
     """Separations of the sources of two fields, less their motion in a century, (k,). [µas]"""
     difference = triad(a.lon[i], a.lat[i])[2] - triad(b.lon[j], b.lat[j])[2]
     return np.linalg.norm(difference, axis=0) / UAS - 100 * np.hypot(*a.motion[:, i])
@@ -365,37 +365,37 @@ def read_positions(
     selection_notes: list[str] = []
     if selection:
         table, rows, selection_notes = selection.of(table, 0)
-    numbers, unusable, unitless, filled = {}, {}, {}, np.zeros(1, bool)
+    numbers, unusable, unitless, is_given = {}, {}, {}, np.zeros(1, bool)
     for role, name in roles.items():
         if role in ("name", "defining"):
             continue
         values, missing = table[name]
-        unit = unit_of(name, units or {}, table_source)
+        unit = find_unit(name, units or {}, table_source)
         numbers[role] = parse_sexagesimal(role, name, np.asarray(values), missing, str(unit or ""))
         if numbers[role] is None:
             factor = unit_factor(name, unit, _UNITS_BY_ROLE[role]) if role in _UNITS_BY_ROLE else 1.0
             numbers[role] = as_floats(name, np.asarray(values))[0] * factor
             unitless |= {role: name} if role in _UNITS_BY_ROLE and unit is None else {}
-        lost = ~np.isfinite(numbers[role]) | (False if missing is None else np.asarray(missing))
+        bad = ~np.isfinite(numbers[role]) | (False if missing is None else np.asarray(missing))
         if role.endswith("error"):
-            lost |= ~(numbers[role] > 0)
+            bad |= ~(numbers[role] > 0)
             if sigma is not None:
-                numbers[role], filled, lost = np.where(lost, sigma / MAS, numbers[role]), filled | lost, False & lost
+                numbers[role], is_given, bad = np.where(bad, sigma / MAS, numbers[role]), is_given | bad, False & bad
         if role == "ra_dec_corr":
-            lost |= ~(numbers[role] ** 2 < RHO2_LIMIT)
-            lost &= ~filled
-        unusable[f"{name} missing or not usable"] = lost
+            bad |= ~(numbers[role] ** 2 < RHO2_LIMIT)
+            bad &= ~is_given
+        unusable[f"{name} missing or not usable"] = bad
     check_degrees(numbers, {"ra", "dec"} & {*unitless}, names=roles)
-    keep, notes = select_usable(unusable, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
+    usable, notes = select_usable(unusable, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
     # What a table lacks: errors, for which one is given then, and correlations.
     n = len(numbers["ra"])
     numbers = dict.fromkeys(("ra_error", "dec_error"), np.full(n, (sigma or 0.0) / MAS)) | numbers
     numbers = {"ra_dec_corr": np.zeros(n)} | numbers
-    lon, lat = numbers["ra"][keep] * DEGREE, numbers["dec"][keep] * DEGREE
-    errors = np.stack([numbers["ra_error"], numbers["dec_error"]])[:, keep]
-    error_notes = _notes_on_errors(table_source.label, unitless, errors, sigma, np.count_nonzero(filled), has_errors)
+    lon, lat = numbers["ra"][usable] * DEGREE, numbers["dec"][usable] * DEGREE
+    errors = np.stack([numbers["ra_error"], numbers["dec_error"]])[:, usable]
+    error_notes = _describe_errors(table_source.label, unitless, errors, sigma, np.count_nonzero(is_given), has_errors)
     notes = (*table_source.notes, *notes, *selection_notes, *error_notes)
-    names = None if "name" not in roles else np.asarray(table[roles["name"]][0])[keep]
+    names = None if "name" not in roles else np.asarray(table[roles["name"]][0])[usable]
     if names is not None and names.dtype.kind not in "iu":
         names = names.astype(str)
     if is_icrf and names is not None and not all(names):
@@ -403,17 +403,17 @@ def read_positions(
             f"{table_source.label} has sources without a designation of the {designation.upper()}: name them by "
             f"{'iers' if designation == 'icrf' else 'icrf'}"
         )
-    rho = np.where(filled, 0.0, numbers["ra_dec_corr"])[keep]
-    defining = np.asarray(table["defining"][0]).astype(str)[keep] == "D" if is_icrf else None
+    rho = np.where(is_given, 0.0, numbers["ra_dec_corr"])[usable]
+    defining = np.asarray(table["defining"][0]).astype(str)[usable] == "D" if is_icrf else None
     positions = Positions(lon, lat, errors * MAS, rho, name=names, frame=frame, notes=notes, defining=defining)
     if table_source.covariance is None:
         return positions
     component_indices = np.arange(len(table_source.covariance)).reshape(2, -1)
-    kept_indices = (component_indices[:, rows] if selection else component_indices)[:, keep].ravel()
+    kept_indices = (component_indices[:, rows] if selection else component_indices)[:, usable].ravel()
     return replace(positions, covariance=table_source.covariance[np.ix_(kept_indices, kept_indices)])
 
 
-def _notes_on_errors(label, unitless, errors, sigma, n_filled, has_errors):
+def _describe_errors(label, unitless, errors, sigma, n_filled, has_errors):
     """Notes on units that were assumed of columns, by role, on errors that were given, and on others [mas]."""
     label = Path(label).name  # pages and files do not say where a catalogue lies
     if sigma is not None:

@@ -54,7 +54,7 @@ class Columns(InNotebook):
     quality: str | tuple | None = ("quality_flag",)
 
 
-def column_names_of(frame: str) -> dict[str, str]:
+def make_column_names(frame: str) -> dict[str, str]:
     """Role to name of the columns that a field of this frame is written with."""
     lon, lat, east, north = AXES[frame]
     names = {"ra": lon, "dec": lat, "pmra": east, "pmdec": north}
@@ -65,7 +65,7 @@ def column_names_of(frame: str) -> dict[str, str]:
 def has_field_columns(names: Iterable[str]) -> bool:
     """Return whether a table has all columns of positions, motions and errors that a field of some axes writes."""
     present = set(names)
-    return any({column_names_of(frame)[role] for role in REQUIRED} <= present for frame in AXES)
+    return any({make_column_names(frame)[role] for role in REQUIRED} <= present for frame in AXES)
 
 
 #: Gaia's archive names.
@@ -85,7 +85,7 @@ _VIZIER = Columns(
 _OTHER_AXES = {
     frame: replace(GAIA, **{
         role: name if role in ("ra", "dec") else (name,) if role.endswith("corr") else (name, getattr(GAIA, role))
-        for role, name in column_names_of(frame).items()
+        for role, name in make_column_names(frame).items()
     })
     for frame in AXES if frame != "icrs"
 }  # fmt: skip
@@ -210,14 +210,14 @@ def _resolve_names(columns, names, names_by_form):
     """Columns with one name a role: that of the table where it has one of those wanted, in pairs."""
     replacements: dict[str, Any] = {}
     for roles in _PAIRS:
-        candidate_lists = [candidates_of(getattr(columns, role)) for role in roles]
+        candidate_lists = [list_candidates(getattr(columns, role)) for role in roles]
         present = [[_find_name(name, names, names_by_form) for name in candidates] for candidates in candidate_lists]
         pairs = zip(*present, strict=True) if len(present[0]) == len(present[1]) else ()
         best_pair = next((pair for pair in pairs if all(pair)), None)
         best_pair = best_pair or tuple(next(filter(None, matches), None) for matches in present)
         for role, name, candidates in zip(roles, best_pair, candidate_lists, strict=True):
             replacements[role] = name or (candidates[0] if candidates else getattr(columns, role))
-    of_motion, of_place = affixes_of(replacements.get("pmra"), "pmra"), affixes_of(replacements.get("ra"), "ra")
+    of_motion, of_place = find_affixes(replacements.get("pmra"), "pmra"), find_affixes(replacements.get("ra"), "ra")
     for role in Columns.__dataclass_fields__:
         candidates = getattr(columns, role)
         if role not in REQUIRED and isinstance(candidates, tuple):
@@ -229,19 +229,19 @@ def _resolve_names(columns, names, names_by_form):
                 candidates = (*candidates, *(name.join(of_place) for name in base_names))
             name = next(filter(None, (_find_name(candidate, names, names_by_form) for candidate in candidates)), None)
             replacements[role] = (name, *candidates) if name else getattr(columns, role)
-    redshifts = candidates_of(replacements.get("redshift", columns.redshift))
+    redshifts = list_candidates(replacements.get("redshift", columns.redshift))
     if isinstance(columns.redshift_error, tuple) and not any(name in names for name in redshifts):
         replacements["redshift_error"] = None  # what has no redshift has no error of one
     return replace(columns, **replacements)
 
 
-def affixes_of(name: Any, role: str) -> tuple[str, str]:
+def find_affixes(name: Any, role: str) -> tuple[str, str]:
     """The text before and after a role in the name of its column, as joined tables have it: pmra_2, gaia_ra."""
-    before, found, after = str(name or "").partition(role)
-    return (before, after) if found else ("", "")
+    before, separator, after = str(name or "").partition(role)
+    return (before, after) if separator else ("", "")
 
 
-def candidates_of(names: Any) -> tuple[str, ...]:
+def list_candidates(names: Any) -> tuple[str, ...]:
     """The names that a role may have, of one, of several or of none."""
     return (names,) if isinstance(names, str) else names or ()
 
@@ -305,7 +305,7 @@ _ELLIPSES = (("pm_err_maj", "pm_err_min", "pm_err_angle"), ("PM_ERR_MAJA", "PM_E
 
 
 @lru_cache
-def derivable_columns(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+def find_derivable_columns(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     """The columns that can be made of those of a table, and of which: errors of two sides, error ellipses."""
     present = set(names)
     bases = [name[:-3] for name in names if name.endswith("_em")]
@@ -319,7 +319,7 @@ def derivable_columns(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
 
 def add_derived_columns(source: TableSource) -> TableSource:
     """A table with the columns that can be made of its own: of errors of two sides, ellipses, inverse variances."""
-    derived_columns = derivable_columns(source.names)
+    derived_columns = find_derivable_columns(source.names)
     if not derived_columns:
         return source
     recipes: dict[str, Any] = {}
@@ -327,7 +327,7 @@ def add_derived_columns(source: TableSource) -> TableSource:
     for name, inputs in derived_columns.items():
         unit = None if name == "pmra_pmdec_corr" else source.units.get(inputs[0])
         if len(inputs) == 1:
-            recipes[name] = inputs, lambda values: 1 / np.sqrt(values), _error_unit(unit)
+            recipes[name] = inputs, lambda values: 1 / np.sqrt(values), _derive_error_unit(unit)
             continue
         recipes[name] = inputs, partial(_convert_ellipse, name) if len(inputs) == 3 else _take_larger_error, unit
     if asymmetric_errors := [
@@ -341,18 +341,18 @@ def add_derived_columns(source: TableSource) -> TableSource:
     return derive_columns(source, recipes, notes)
 
 
-def derive_columns(source: TableSource, made: Mapping[str, Any], notes: Iterable[str] = ()) -> TableSource:
+def derive_columns(source: TableSource, rules: Mapping[str, Any], notes: Iterable[str] = ()) -> TableSource:
     """A table with further columns: name → (the columns it is made of, function of their values, unit)."""
 
     def read(names, rows):
-        inputs = [name for column in names if column in made for name in made[column][0]]
-        source_names = tuple(dict.fromkeys([name for name in names if name not in made] + inputs))
+        inputs = [name for column in names if column in rules for name in rules[column][0]]
+        source_names = tuple(dict.fromkeys([name for name in names if name not in rules] + inputs))
         for block in source.blocks(source_names or source.names[:1], rows):
             n_rows = len(next(iter(block.values()))[0])
-            yield {name: _apply_recipe(made[name], block, n_rows) if name in made else block[name] for name in names}
+            yield {name: _apply_recipe(rules[name], block, n_rows) if name in rules else block[name] for name in names}
 
-    units = source.units | {name: unit for name, (_, _, unit) in made.items() if unit}
-    names = (*source.names, *(name for name in made if name not in source.names))
+    units = source.units | {name: unit for name, (_, _, unit) in rules.items() if unit}
+    names = (*source.names, *(name for name in rules if name not in source.names))
     return replace(source, names=names, read=read, units=units, notes=(*source.notes, *notes))
 
 
@@ -365,7 +365,7 @@ def _apply_recipe(recipe, block, count):
     return values, np.logical_or.reduce(masks) if masks else None
 
 
-def _error_unit(unit):
+def _derive_error_unit(unit):
     """The unit of an error, from that of its inverse variance."""
     if not unit:
         return None

@@ -9,7 +9,7 @@ from typing import Any
 
 from vsh.field import Field
 from vsh.io.catalogue._columns import as_columns
-from vsh.io.catalogue._names import ColumnRequest, Columns, candidates_of, derivable_columns
+from vsh.io.catalogue._names import ColumnRequest, Columns, find_derivable_columns, list_candidates
 from vsh.io.catalogue._read import add_zero_motions, stream_fields
 from vsh.io.columns import REQUIRED
 from vsh.io.parts import Dask, Engine, InProcess, Parts, Processes, delay_partitions, is_delayed
@@ -90,14 +90,14 @@ def parts(
     if where is not None:
         Where(where)  # its mistakes before anything is read
     reader = Reader(request, units, on_bad, frame, whole("rows", rows), motions, sigma, where=where, format=format)
-    pieces = _pieces(source, request, motions, format, where)
+    pieces = _split(source, request, motions, format, where)
     files = [piece for piece in pieces if isinstance(piece, (Path, RemotePath))]
     paths = {str(file.resolve()) if isinstance(file, Path) else file.path for file in files}
     if len(paths) < len(files):
         raise ParameterError(f"{len(files) - len(paths)} of the parts are files that stand there twice")
     if len(files) > 1:
         first_table = open_table(files[0], format)
-        reader = replace(reader, like=(first_table.label, _layout(first_table, request)))
+        reader = replace(reader, like=(first_table.label, _read_layout(first_table, request)))
     records = {_name_of(file): _record_of(file) for file in files}
     return Parts(pieces, replace(reader, records=records), engine=_choose_engine(pieces, workers, scheduler))
 
@@ -154,16 +154,16 @@ def _record_of(file):
     return fingerprint_of(file) if isinstance(file, RemotePath) else file_stamp(file)
 
 
-def _layout(table, columns):
+def _read_layout(table, columns):
     """Columns that a table has, and their units."""
-    return _layout_of(tuple(table.names), tuple((name, str(unit)) for name, unit in table.units.items()), columns)
+    return _find_layout(tuple(table.names), tuple((name, str(unit)) for name, unit in table.units.items()), columns)
 
 
 @lru_cache
-def _layout_of(present, units, columns):
-    column_units, present_set, derived = dict(units), set(present), derivable_columns(present)
+def _find_layout(present, units, columns):
+    column_units, present_set, derived = dict(units), set(present), find_derivable_columns(present)
     resolved_columns, _ = columns.choose_names((*present, *derived))
-    column_names = [name for names in vars(resolved_columns).values() for name in candidates_of(names)]
+    column_names = [name for names in vars(resolved_columns).values() for name in list_candidates(names)]
     column_names += [name for derived_name in derived if derived_name in column_names for name in derived[derived_name]]
     return {name: column_units.get(name, "None") for name in column_names if name in present_set}
 
@@ -171,7 +171,7 @@ def _layout_of(present, units, columns):
 def _check_same_columns(table, columns, label, layout):
     """Raise TableError unless a file has the columns of the first, and no others that a field would use."""
     check_alike(table, label, layout)
-    unshared = [name for name in _layout(table, columns) if name not in layout]
+    unshared = [name for name in _read_layout(table, columns) if name not in layout]
     if unshared:
         raise TableError(f"{label} has no column {', '.join(unshared)}, which {table.label} has")
 
@@ -188,7 +188,7 @@ def _choose_engine(pieces, workers, scheduler) -> Engine:
     return InProcess()
 
 
-def _pieces(source, columns, motions, format, condition):
+def _split(source, columns, motions, format, condition):
     """Pieces that the parts are read from, a tuple."""
     if isinstance(source, (str, os.PathLike)) or is_address(source):
         return tuple(files_of(source, format))
@@ -200,7 +200,7 @@ def _pieces(source, columns, motions, format, condition):
         return tuple(
             piece
             for element in source
-            for piece in (_pieces(element, columns, motions, format, condition) if _has_parts(element) else (element,))
+            for piece in (_split(element, columns, motions, format, condition) if _has_parts(element) else (element,))
         )
     if isinstance(source, list | tuple):
         raise ParameterError("the list of parts is empty")
@@ -237,12 +237,12 @@ def _select_partitions(collection, columns, motions, condition):
     names = tuple(map(str, getattr(collection, "columns", ())))
     if not names:
         return collection.to_delayed()
-    derived_columns = derivable_columns(names)
+    derived_columns = find_derivable_columns(names)
     resolved_columns, _ = columns.choose_names((*names, *derived_columns))
     column_names = [name for name in (() if condition is None else Where(condition).names) if name in names]
     for role in Columns.__dataclass_fields__:
         candidates = getattr(resolved_columns, role)
-        present = [name for name in candidates_of(candidates) if name in names or name in derived_columns]
+        present = [name for name in list_candidates(candidates) if name in names or name in derived_columns]
         if role in (REQUIRED if motions else REQUIRED[:2]) and not present:
             raise TableError(
                 f"the {type(collection).__name__} has no column {candidates!r} for {role}: it has {', '.join(names)}"

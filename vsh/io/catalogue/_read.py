@@ -21,16 +21,16 @@ from vsh.io.catalogue._columns import (
     as_columns,
     as_doubles,
     check_degrees,
-    conversion_factors,
     convert_identifiers,
     convert_modulus,
+    describe_mixed_units,
+    describe_odd_sizes,
+    find_conversion_factors,
     locate_columns,
-    notes_on_units,
-    nothing_selected,
+    make_selection_error,
     parse_sexagesimal,
-    size_warnings,
 )
-from vsh.io.catalogue._frames import frames_of, read_redshift_frame, redshift_frame_of, turn_positions
+from vsh.io.catalogue._frames import find_frames, find_redshift_frame, read_redshift_frame, turn_positions
 from vsh.io.catalogue._names import USUAL_UNITS, Columns, add_derived_columns, derive_columns
 from vsh.io.columns import ASSUMED, REQUIRED, missing_column, parse_unit
 from vsh.io.maps import read_density
@@ -144,11 +144,11 @@ def has_epochs(names: Iterable[str]) -> bool:
     return {name.replace("_", "").lower() for name in names} >= _EPOCHS
 
 
-def _solve_epochs(opened, columns, on_bad, where, others):
+def _solve_epochs(opened, columns, on_bad, where, other_options):
     """The field that epoch astrometry gives, where a table has epochs in place of motions."""
     from vsh.io.epochs import read_epochs
 
-    refused_options = [name for name, value in others.items() if value is not None]
+    refused_options = [name for name, value in other_options.items() if value is not None]
     if refused_options or not (columns is None or isinstance(columns, Mapping)):
         refused = ", ".join(refused_options) or "names of columns other than single ones"
         raise TableError(f"{opened.label} holds epoch astrometry, whose units and axes are Gaia's: leave out {refused}")
@@ -252,25 +252,25 @@ def stream_fields(
 def _yield_fields(maker, rows):
     """Fields block by block; the rows of a block without any usable one are counted by a neighbour."""
     first_row, pending_field = 0, None
-    lost: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     for block in maker.source.blocks(maker.names, rows):
         try:
             field = maker(block, first_row)
         except EmptyFieldError as error:
             if maker.on_bad == "raise" and not isinstance(error, EmptySelectionError):
                 raise
-            lost, last_error = merge_notes(lost, error.notes), error
+            notes, last_error = merge_notes(notes, error.notes), error
         else:
             if pending_field is not None:
                 yield pending_field
             if maker.on_bad == "drop" and not any(isinstance(note, DroppedRows) for note in field.notes):
                 # Totals count all rows.
                 field = field.add_note(DroppedRows.of_table({}, len(field), field.lon, field.lat))
-            pending_field, lost = field.add_note(*lost), ()
+            pending_field, notes = field.add_note(*notes), ()
         first_row += len(next(iter(block.values()))[0])
     if pending_field is None:
-        raise nothing_selected(lost) if maker.selection and not count_dropped(lost) else last_error
-    yield pending_field.add_note(*lost)
+        raise make_selection_error(notes) if maker.selection and not count_dropped(notes) else last_error
+    yield pending_field.add_note(*notes)
 
 
 class _FieldMaker:
@@ -288,13 +288,13 @@ class _FieldMaker:
         column_names, notes = locate_columns(as_columns(columns), self.source)
         self.selection = None if where is None else RowSelection(where, self.source, column_names)
         self.column_of = {role: name for role, name in column_names.items() if role not in OPTIONAL or role in roles}
-        self.frames = frames_of(self.column_of, frame, self.source)
+        self.frames = find_frames(self.column_of, frame, self.source)
         self.frame = self.frames.frame
-        self.redshift_frame = redshift_frame_of(self.column_of, self.source)
+        self.redshift_frame = find_redshift_frame(self.column_of, self.source)
         if "redshift" in self.column_of and self.redshift_frame is None and REDSHIFT_FRAME_COLUMN in self.source.names:
             self.column_of[REDSHIFT_FRAME_COLUMN] = REDSHIFT_FRAME_COLUMN
         _, set_name = as_columns(columns).choose_names(self.source.names)
-        self.factors, assumed_units = conversion_factors(
+        self.factors, assumed_units = find_conversion_factors(
             self.column_of, units, self.source, USUAL_UNITS.get(set_name or "")
         )
         if (self.factors.get("distance") == MODULUS) != (self.factors.get("distance_error") == MODULUS):
@@ -318,7 +318,7 @@ class _FieldMaker:
         self.is_motion_unit_assumed = any(
             not {*names}.isdisjoint(map(self.column_of.get, _MOTIONS)) for names in assumed_units.values()
         )
-        column_notes += notes_on_units(self.column_of, self.factors)
+        column_notes += describe_mixed_units(self.column_of, self.factors)
         if (error_column := self.column_of.get("redshift_error", "redshift_error")) != "redshift_error":
             column_notes.append(f"errors of the redshifts are in column {printable(error_column)}")
         column_notes += _note_on_redshifts(column_names, self.source) if "redshift" in roles else []
@@ -374,7 +374,7 @@ class _FieldMaker:
                 notes=notes,
                 first_row=first_row,
             )
-        doubts = [] if self.scalar_name else size_warnings(field, is_assumed=self.is_motion_unit_assumed)
+        doubts = [] if self.scalar_name else describe_odd_sizes(field, is_assumed=self.is_motion_unit_assumed)
         for warning in (*notes, *doubts, *(note for note in field.notes if has_code(note, NO_REDSHIFTS))):
             if has_code(warning, DOUBT, NO_REDSHIFTS, UNUSED_CORRELATIONS):
                 warn(warning, VshWarning, stacklevel=3)

@@ -338,15 +338,15 @@ class Observations(Frozen):
         if (part_numbers := getattr(self, attribute)) is None:
             kind = "field of view" if attribute == "view" else "CCD row"
             raise TableError(f"no transit_id tells the {kind} of an observation, so none is of {part}")
-        keep = part_numbers == value
-        if not keep.any():
+        is_of_part = part_numbers == value
+        if not is_of_part.any():
             raise EmptyFieldError(f"no observation is of {part}")
-        source_numbers, source = np.unique(self.source[keep], return_inverse=True)
+        source_numbers, source = np.unique(self.source[is_of_part], return_inverse=True)
         sources = {name: getattr(self, name)[source_numbers] for name in ("lon", "lat", "name")}
         attributes = ((entry.name, getattr(self, entry.name)) for entry in fields(self) if entry.name not in sources)
-        observed = {name: values[..., keep] for name, values in attributes if isinstance(values, np.ndarray)}
+        observed = {name: values[..., is_of_part] for name, values in attributes if isinstance(values, np.ndarray)}
         n_lost = len(self.lon) - len(source_numbers)
-        note = f"epochs: {keep.sum()} of {len(keep)} observations are of {part}"
+        note = f"epochs: {is_of_part.sum()} of {len(is_of_part)} observations are of {part}"
         note += f"; {n_lost} sources have none" * bool(n_lost)
         return replace(self, **sources | observed | {"source": source}, notes=(*self.notes, note))
 
@@ -598,15 +598,15 @@ def _flatten_observations(
         "not used by AGIS": int(is_unused.sum()),
         f"without a position, an error{missing_colour} or a time": int((is_bad & ~is_unused).sum()),
     }
-    keep = ~(is_bad | is_unused)
-    note = DroppedRows.of_table({reason: count for reason, count in counts.items() if count}, keep.size, keep)
-    if not keep.any():
+    is_usable = ~(is_bad | is_unused)
+    note = DroppedRows.of_table({reason: count for reason, count in counts.items() if count}, is_usable.size, is_usable)
+    if not is_usable.any():
         error = EmptyFieldError(f"{label}: no observation can be used: {note}")
         error.notes = (note,)
         raise error
     if any(counts.values()):
         notes = (f"observations: {note}".replace(" rows", " observations"), *notes)
-    return {name: values[keep] for name, values in flat.items()}, (*notes, *date_notes, *repeat_notes)
+    return {name: values[is_usable] for name, values in flat.items()}, (*notes, *date_notes, *repeat_notes)
 
 
 def _convert_columns(table, table_source):
@@ -730,19 +730,19 @@ def read_epochs(
         notes = (*notes, f"epochs: a pseudocolour of each source, prior ± {COLOUR_PRIOR} µm⁻¹, scatter {scatter} µm⁻¹")
     is_short = solution.observations <= (5 if colour is None else 6)
     least = "six" if colour is None else "seven"
-    lost = {f"fewer than {least} observations": is_short, "scans in too few directions": ~solution.solved & ~is_short}
-    keep, added_notes = select_usable(lost, len(lon), on_bad, 0, (lon, lat))
-    covariance = solution.covariance[keep][:, 3:, 3:]
+    masks = {f"fewer than {least} observations": is_short, "scans in too few directions": ~solution.solved & ~is_short}
+    rows, added_notes = select_usable(masks, len(lon), on_bad, 0, (lon, lat))
+    covariance = solution.covariance[rows][:, 3:, 3:]
     sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
     share = 100 * solution.outliers.sum() / max(1, solution.observations.sum())
     if robust:
         notes = (*notes, f"epochs: {share:.2g} % of {solution.observations.sum()} observations have a weight below 0.2")
     return Field(
-        lon[keep],
-        lat[keep],
-        solution.values[keep][:, 3:].T,
+        lon[rows],
+        lat[rows],
+        solution.values[rows][:, 3:].T,
         sigma,
         covariance[:, 0, 1] / (sigma[0] * sigma[1]),
-        name=observations.name[keep],
+        name=observations.name[rows],
         notes=(*notes, *added_notes),
     )

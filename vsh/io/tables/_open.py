@@ -170,7 +170,7 @@ def open_at(source: Any, file_format: str | None) -> TableSource:
     """A table at an address."""
     location = source if isinstance(source, RemotePath) else find_remote_path(source)
     label = location.label
-    files = files_at(location)
+    files = list_files_at(location)
     if len(files) > 1:
         raise TableError(f"{label} holds {len(files)} files: go through them with vsh.io.catalogue.parts, or --workers")
     (file,) = files
@@ -206,7 +206,7 @@ def _find_format_by_ending(path):
 _COLLECTION_REFUSED = "is a HATS collection, whose margin cache repeats sources: name the folder of its main catalogue"
 
 
-def files_at(place: RemotePath) -> list[RemotePath]:
+def list_files_at(place: RemotePath) -> list[RemotePath]:
     """List the tables of a folder at an address by name, or the file."""
     import pyarrow.fs as fs
 
@@ -404,7 +404,7 @@ def _open_zip(path, label, format):
 def files_of(path: PathName, format: str | None = None) -> list[Any]:
     """List the files that `open_table` would read from a path or an address: those of a folder by name, or the file."""
     if is_address(path):
-        return files_at(find_remote_path(path))
+        return list_files_at(find_remote_path(path))
     path, label = Path(path), printable(path)
     if path.is_dir():
         return _find_format_and_files(path, label, format)[1]

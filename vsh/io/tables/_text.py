@@ -90,11 +90,11 @@ def find_layout(lines: Iterator[str], label: str) -> Layout:
     top = 1 if len(body) > 2 and _RULE.fullmatch(body[0]) else 0  # a rule above the names
     rule = next((k for k in range(top + 1, len(body)) if _RULE.fullmatch(body[k])), None)
     if rule is not None and rule - top <= 6:
-        return _layout_with_rule(body[top:rule], body[rule], skip + rule + 1, label)
-    return _layout_without_rule(body, comments, skip, label)
+        return _read_layout_with_rule(body[top:rule], body[rule], skip + rule + 1, label)
+    return _read_layout_without_rule(body, comments, skip, label)
 
 
-def _layout_with_rule(heading, rule, skip, label):
+def _read_layout_with_rule(heading, rule, skip, label):
     """Names, units and a rule of dashes below them, as VizieR writes them."""
     delimiter = next((d for d in (";", "\t", "|", ",") if d in rule and d in heading[0]), None)
     if delimiter:
@@ -109,11 +109,11 @@ def _layout_with_rule(heading, rule, skip, label):
     return _add_units(_make_layout(names, skip, "", tuple(spans)), units)
 
 
-def _layout_without_rule(body, comments, skip, label):
+def _read_layout_without_rule(body, comments, skip, label):
     """Names in the first line, behind a #, or nowhere; lines above the names are left out with a note."""
     titles = _count_titles(body)
     if titles:
-        layout = _layout_without_rule(body[titles:], comments, skip + titles, label)
+        layout = _read_layout_without_rule(body[titles:], comments, skip + titles, label)
         remark = f"{titles} line{'s' * (titles > 1)} above the names of the columns left out: {printable(body[0][:60])}"
         return replace(layout, notes=(*layout.notes, remark))
     rows = [line for line in body if line.strip()]
@@ -121,7 +121,7 @@ def _layout_without_rule(body, comments, skip, label):
     fields = _split_fields(rows[0], delimiter)
     names = _find_names_in_comments(comments, len(fields), delimiter)
     # Where a comment has names, a row is one with few numbers as well.
-    if _looks_like_data(fields, 1 if names else 2) and not _is_quoted_name(rows[0]):
+    if _is_data_like(fields, 1 if names else 2) and not _is_quoted_name(rows[0]):
         notes: tuple[str, ...] = ()
         if names is None:
             names = [f"col{k + 1}" for k in range(len(fields))]
@@ -135,7 +135,7 @@ def _layout_without_rule(body, comments, skip, label):
     if blank and all(len(line.split()) == len(fields) for line in rows[1:]):  # names between ; over rows between blanks
         return _make_layout(fields, skip + 1, "")
     units = []
-    if len(below) > 1 and len(below[0]) == len(fields) and _are_units(below[0]) and _looks_like_data(below[1]):
+    if len(below) > 1 and len(below[0]) == len(fields) and _is_line_of_units(below[0]) and _is_data_like(below[1]):
         units, skip = below[0], skip + 1
         rows = [rows[0], *rows[2:]]
     return _add_units(_detect_decimal_commas(_make_layout(fields, skip + 1, delimiter), rows[1:]), units)
@@ -149,15 +149,15 @@ def _count_titles(body):
             return 0
         delimiter = _find_delimiter(later_lines)
         fields = _split_fields(line, delimiter)
-        if not _looks_like_data(fields) or len(fields) < 4:
+        if not _is_data_like(fields) or len(fields) < 4:
             continue
         name_line = k - 1
-        if name_line and _are_units(_split_fields(body[name_line], delimiter)):
+        if name_line and _is_line_of_units(_split_fields(body[name_line], delimiter)):
             name_line -= 1
         title_fields, names = _split_fields(body[0], delimiter), _split_fields(body[name_line], delimiter)
-        is_named = len(names) == len(fields) and all(names[1:]) and not _looks_like_data(names)
+        is_named = len(names) == len(fields) and all(names[1:]) and not _is_data_like(names)
         is_title = len(title_fields) != len(fields) or not all(title_fields[1:])
-        return name_line if name_line and is_named and is_title and not _looks_like_data(title_fields) else 0
+        return name_line if name_line and is_named and is_title and not _is_data_like(title_fields) else 0
     return 0
 
 
@@ -170,7 +170,7 @@ def _find_delimiter(rows):
             continue
         # A line that is damaged does not change what the others have.
         n_matches = sum(count == counts[0] for count in counts[1:])
-        has_names = not _looks_like_data(_split_fields(rows[0], delimiter))
+        has_names = not _is_data_like(_split_fields(rows[0], delimiter))
         if len(counts) == 1 or n_matches >= (len(counts) - 1) / 2 or has_names:
             best = delimiter
     return best
@@ -217,7 +217,7 @@ def _find_names_in_comments(comments, count, delimiter):
         return names
     for comment in reversed(comments[-5:]):
         for names in (_split_fields(comment, delimiter), comment.split(), _split_fields(comment, ",")):
-            if len(names) == count and not _looks_like_data(names) and not _are_units(names):
+            if len(names) == count and not _is_data_like(names) and not _is_line_of_units(names):
                 return names
     return None
 
@@ -228,22 +228,22 @@ def _find_units_in_comments(comments, count, delimiter):
         return units
     for comment in reversed(comments[-3:]):
         for units in (_split_fields(comment, delimiter), comment.split()):
-            if len(units) == count and _are_units(units):
+            if len(units) == count and _is_line_of_units(units):
                 return units
     return []
 
 
-def _looks_like_data(fields: Sequence[str], least: int = 2) -> bool:
+def _is_data_like(fields: Sequence[str], min_numbers: int = 2) -> bool:
     """Return whether at least two of the fields, and a third of them unless one is enough, are numbers."""
-    numbers = sum(bool(_NUMBER.fullmatch(entry) or _ANGLE.fullmatch(entry)) for entry in fields)
-    return numbers >= least and (3 * numbers >= len(fields) or least == 1)
+    n_numbers = sum(bool(_NUMBER.fullmatch(entry) or _ANGLE.fullmatch(entry)) for entry in fields)
+    return n_numbers >= min_numbers and (3 * n_numbers >= len(fields) or min_numbers == 1)
 
 
 def _is_quoted_name(line):
     return line.lstrip().startswith('"') and not any(_NUMBER.fullmatch(entry) for entry in line.split(","))
 
 
-def _are_units(fields):
+def _is_line_of_units(fields):
     """Return whether a line below the names holds units: no numbers, and most of it units that astropy knows."""
     candidates = [entry.strip('()[] "') for entry in fields if entry.strip('()[] "-')]
     if not candidates or any(_NUMBER.fullmatch(candidate) for candidate in candidates):
@@ -392,7 +392,7 @@ def _iterate_records(lines, indices, width, delimiter, label, line_number):
     for line in lines:
         line_number += 1
         has_quotes = '"' in line
-        if line.count(delimiter) == width - 1 and (not has_quotes or _quotes_whole_fields(line, delimiter)):
+        if line.count(delimiter) == width - 1 and (not has_quotes or _has_no_quoted_delimiter(line, delimiter)):
             row = line.rstrip("\r\n").split(delimiter, n_splits)
             wanted = select_wanted(row)
             yield tuple(_unquote(value) for value in wanted) if has_quotes else wanted
@@ -465,7 +465,7 @@ def open_numbered_table(path: PathName, number: int, label: str) -> TableSource:
     return replace(source, read=lambda names, rows: source.read(names, rows) if copy.name else iter(()))
 
 
-def _quotes_whole_fields(line, delimiter):
+def _has_no_quoted_delimiter(line, delimiter):
     """Return whether no delimiter of a line stands between quotation marks."""
     return all(field.count('"') % 2 == 0 for field in line.split(delimiter))
 
@@ -564,7 +564,7 @@ def open_vlbi(path: PathName, label: str) -> TableSource:
     getpar = any(line.startswith("SOU_GCO:") for _, line in numbered_lines)
     pattern = _GETPAR_ROW if getpar else _POSITION_ROW
     rows = [(number, line) for number, line in numbered_lines if line.strip() and not line.startswith(_COMMENT_MARKS)]
-    start = next((i for i, (_, line) in enumerate(rows) if pattern.match(line) or _looks_like_source(line)), None)
+    start = next((i for i, (_, line) in enumerate(rows) if pattern.match(line) or _is_source_like(line)), None)
     if start is None:
         raise TableError(f"{label} has no line with a position in hours and degrees: is it a list of VLBI positions?")
     # Above the first source is the heading; below it, every line that is not blank is a source.
@@ -591,7 +591,7 @@ def _read_described_columns(heading, rows):
     return columns
 
 
-def _looks_like_source(line):
+def _is_source_like(line):
     """Return whether a line is a source, perhaps a damaged one, and no heading: so many numbers stand in no heading."""
     return line.startswith("ICRF J") or sum(_SIGNED.fullmatch(token) is not None for token in line.split()) > 6
 

@@ -142,5 +142,5 @@ def test_report_is_for_coefficients():
 
 def test_large_values_do_not_run_together():
     field = random_field(200, 1)
-    text = fit.fit_field(field._with(motion=field.motion * 1e5), 1).report()
+    text = fit.fit_field(field._derive(motion=field.motion * 1e5), 1).report()
     assert re.search(r"^  spin( +[+-]\d+\.\d+ ± \d+\.\d+){3}  +\d", text, re.M)

@@ -20,7 +20,7 @@ from fit.commands.fit import main
 from vsh import Field
 from vsh.commands import COMMANDS as LISTED
 from vsh.figures.plot import even_grid, sky_axes
-from vsh.figures.plot._field import arrow_lines
+from vsh.figures.plot._field import make_arrow_lines
 from vsh.io import catalogue
 from vsh.io.astrometry import write_astrometry
 
@@ -222,7 +222,7 @@ def test_its_arrows_are_those_of_the_figure(browser, pages, projection, centre):
     grid = even_grid(9.2)
     motion = solution.coefficients.at(*grid)
     length = np.radians(11.0 * 9.2 / 12) * np.hypot(*motion) / np.hypot(*motion).max()
-    drawn, fits = arrow_lines(axes, *grid, motion, length)
+    drawn, fits = make_arrow_lines(axes, *grid, motion, length)
     plt.close(axes.figure)
     high, wide = axes.wcs.array_shape
     # Both in units of the radius of the sphere, from the middle, upwards.

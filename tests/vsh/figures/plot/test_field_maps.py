@@ -11,7 +11,7 @@ import fit
 from vsh import Coefficients, Field, Modes, ParameterError
 from vsh.basis import harmonics
 from vsh.figures.plot import FADED, SkyAxes, arrow_grid, draw_matrix, even_grid, plot_field
-from vsh.figures.plot._field import SURE, chance_of, significance_of
+from vsh.figures.plot._field import SURE, chance_of, compute_significance
 
 
 @pytest.mark.parametrize("frame", ["icrs", "galactic", "ecliptic"])
@@ -31,7 +31,7 @@ def test_arrows_are_as_dark_as_they_are_sure():
     assert isinstance(axes, SkyAxes)
     grid = arrow_grid(axes)
     motion, basis = solution.coefficients.at(*grid), harmonics(*grid, solution.modes)
-    sure = significance_of(motion, basis, solution.covariance)
+    sure = compute_significance(motion, basis, solution.covariance)
     # By hand, for one arrow.
     block = basis[:, :, 7].T @ solution.covariance @ basis[:, :, 7]
     assert sure[7] == pytest.approx(np.sqrt(motion[:, 7] @ np.linalg.solve(block, motion[:, 7])))
@@ -130,7 +130,7 @@ def test_noise_colours_one_arrow_in_twenty():
     draws = np.random.default_rng(1).multivariate_normal(np.zeros(30), solution.covariance, 400)
     for values in draws:
         motion = np.tensordot(values, basis, 1)
-        coloured.append(np.mean(significance_of(motion, basis, solution.covariance) > SURE))
+        coloured.append(np.mean(compute_significance(motion, basis, solution.covariance) > SURE))
     assert abs(np.mean(coloured) - 0.05) < 0.01
 
 

@@ -101,7 +101,7 @@ def test_positions_are_carried_to_a_common_epoch():
 
 def test_motions_are_compared_too():
     a, b = random_field(100, 1), random_field(100, 1)
-    b = b._with(motion=b.motion - 5.0, sigma=2 * b.sigma)
+    b = b._derive(motion=b.motion - 5.0, sigma=2 * b.sigma)
     field = match(a, b, by="position")
     np.testing.assert_allclose(field.motion, 5.0)
     np.testing.assert_allclose(field.sigma, np.sqrt(5) * a.sigma)
