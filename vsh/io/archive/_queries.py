@@ -58,10 +58,11 @@ DR4 = DataRelease("DR4", 2017.5, "gaiadr4", "astrometric_params", _ACCEPTED_MODE
 RELEASES = {release.name: release for release in (EDR3, DR3, DR4)}
 #: What a fit needs, what selections look at, and what tells of the quality.
 _COLUMNS = (
-    "source_id", "ra", "dec", "parallax", "parallax_error", "pmra", "pmdec", "pmra_error", "pmdec_error",
-    "pmra_pmdec_corr", "parallax_pmra_corr", "parallax_pmdec_corr", "astrometric_params_solved",
-    "nu_eff_used_in_astrometry", "pseudocolour", "ruwe", "astrometric_excess_noise", "visibility_periods_used",
-    "matched_transits", "scan_direction_strength_k2", "scan_direction_mean_k2", "phot_g_mean_mag", "bp_rp",
+    "source_id", "ref_epoch", "ra", "dec", "ra_error", "dec_error", "ra_dec_corr", "parallax", "parallax_error", "pmra",
+    "pmdec", "pmra_error", "pmdec_error", "pmra_pmdec_corr", "parallax_pmra_corr", "parallax_pmdec_corr",
+    "astrometric_params_solved", "nu_eff_used_in_astrometry", "pseudocolour", "ruwe", "astrometric_excess_noise",
+    "visibility_periods_used", "matched_transits", "scan_direction_strength_k2", "scan_direction_mean_k2",
+    "phot_g_mean_mag", "bp_rp",
 )  # fmt: skip
 #: What a release has besides.
 _FURTHER_COLUMNS = {"DR4": ("tentative_parallax_bias", "quality_flag")}
