@@ -172,20 +172,23 @@ def _describe_missing_correlations(names, source, motion):
     return [CodedNote(text, UNUSED_CORRELATIONS)]
 
 
-def check_degrees(columns: Any, assumed: Any, at_least: int = 20, names: Mapping[str, str] | None = None) -> None:
-    """Raise FieldError where bare positions look like radians or hours rather than degrees."""
-    if not assumed:
-        return
+#: From so many on the range of positions says something of their unit.
+_ENOUGH_PLACES = 20
+
+
+def check_degrees(columns: Any, assumed: Any, names: Mapping[str, str] | None = None) -> list[CodedNote]:
+    """Raise FieldError where bare positions look like radians or hours; where a unit was said, a doubt about hours."""
     ra, dec = (np.ma.compressed(np.ma.masked_invalid(columns[role])) for role in ("ra", "dec"))
-    if ra.size and ra.max() > 24:
-        return
+    if min(ra.size, dec.size) < _ENOUGH_PLACES or ra.max() > 24:
+        return []
     lon, lat = (printable((names or {}).get(role, role)) for role in ("ra", "dec"))
-    if ra.size < at_least or dec.size < at_least:
-        return
     with np.errstate(invalid="ignore"):
         looks_like_radians = (ra >= -np.pi).all() and (ra <= 2 * np.pi).all() and (np.abs(dec) <= np.pi / 2).all()
         looks_like_hours = (ra >= 0).all() and (ra <= 24).all() and np.ptp(ra) > 12 and np.ptp(dec) > 30
     ranges = f"{ra.min():.3g} to {ra.max():.3g} and from {dec.min():.3g} to {dec.max():.3g}"
+    if not assumed:
+        text = f"warning: {lon} and {lat} reach from {ranges} as their unit says: is {lon} in hours (units=, --units)?"
+        return [CodedNote(text, DOUBT)] if looks_like_hours else []
     if looks_like_radians and np.ptp(ra) > 1 and np.ptp(dec) > 0.5:
         raise FieldError(
             f"{lon} and {lat} have no unit and reach only from {ranges}: radians? Say units={{{lon!r}: 'rad', {lat!r}: "
@@ -196,6 +199,7 @@ def check_degrees(columns: Any, assumed: Any, at_least: int = 20, names: Mapping
             f"{lon} and {lat} have no unit and reach from {ranges}: is {lon} in hours? Say units={{{lon!r}: "
             f"'hourangle'}} (--units {shlex.quote(f'{lon}=hourangle')}), or deg if they are degrees"
         )
+    return []
 
 
 #: Median errors outside these are of no survey, nor is a median motion above the last. [µas/yr]

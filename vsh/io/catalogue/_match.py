@@ -385,7 +385,7 @@ def read_positions(
             bad |= ~(numbers[role] ** 2 < RHO2_LIMIT)
             bad &= ~is_given
         unusable[f"{name} missing or not usable"] = bad
-    check_degrees(numbers, {"ra", "dec"} & {*unitless}, names=roles)
+    doubts = check_degrees(numbers, {"ra", "dec"} & {*unitless}, names=roles)
     usable, notes = select_usable(unusable, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
     # What a table lacks: errors, for which one is given then, and correlations.
     n = len(numbers["ra"])
@@ -394,7 +394,7 @@ def read_positions(
     lon, lat = numbers["ra"][usable] * DEGREE, numbers["dec"][usable] * DEGREE
     errors = np.stack([numbers["ra_error"], numbers["dec_error"]])[:, usable]
     error_notes = _describe_errors(table_source.label, unitless, errors, sigma, np.count_nonzero(is_given), has_errors)
-    notes = (*table_source.notes, *notes, *selection_notes, *error_notes)
+    notes = (*table_source.notes, *notes, *selection_notes, *error_notes, *doubts)
     names = None if "name" not in roles else np.asarray(table[roles["name"]][0])[usable]
     if names is not None and names.dtype.kind not in "iu":
         names = names.astype(str)

@@ -358,7 +358,7 @@ class _FieldMaker:
             columns["unusable"] = {f"{self.scalar_name} not finite": ~np.ma.filled(finite, True)}
         if not any(self.column_of[role].startswith(ASSUMED) for role in _MOTIONS):
             aside |= find_zero_motion_rows(*(columns[role] for role in _MOTIONS))
-        check_degrees(columns, self.is_position_unit_assumed, names=self.column_of)
+        notes += check_degrees(columns, self.is_position_unit_assumed, names=self.column_of)
         if self.frames.positions != self.frame:
             turn_positions(columns, self.frames)
         is_flat = all(values.ndim == 1 for values in raw_columns.values())  # others are refused below

@@ -7,7 +7,7 @@ import pytest
 from conftest import for_each
 
 import sim
-from vsh.io.catalogue import parts, read_field
+from vsh.io.catalogue import parts, read_field, read_positions
 from vsh.tools.errors import FieldError, TableError, VshWarning
 from vsh.tools.notes import DOUBT, count_dropped, has_code
 
@@ -203,3 +203,14 @@ def test_galactic_positions_beside_motions_in_the_icrs():
     again = read_field(table)
     np.testing.assert_allclose(again.motion, field.motion)
     np.testing.assert_allclose([again.lon, again.lat], [field.lon, field.lat], atol=1e-9)
+
+
+def test_hours_whose_unit_says_degrees_are_doubted():
+    table = sim.observe(sim.quasars(100, 1), sim.spin((1, 2, 3)), rng=1).to_table()
+    table["ra"] /= 15
+    with pytest.warns(VshWarning, match="is ra in hours"):
+        field = read_field(table)
+    assert has_code(next(note for note in field.notes if "hours" in note), DOUBT)
+    positions = {"ra": table["ra"], "dec": table["dec"], "ra_error": np.full(100, 0.1), "dec_error": np.full(100, 0.1)}
+    units = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
+    assert any("hours" in note for note in read_positions(positions, units=units).notes)
