@@ -28,7 +28,7 @@ def plot_waves(limit: Any, *, ax: Axes | None = None) -> Axes:
     for prior, value in limits.items():
         if value < top:  # far beyond, it would be named and not seen
             axes.axvline(
-                value, color=_colour(prior), linestyle="--", linewidth=0.8, label=f"< {value:.3g}, {_LABELS[prior]}"
+                value, color=_colour(prior), linestyle="--", linewidth=0.8, label=f"< {value:.2g}, {_LABELS[prior]}"
             )
     highest = float(np.max(limit.likelihood(omega) / (np.sum(limit.likelihood(omega)) * (omega[1] - omega[0]))))
     # A prior flat in √Ω rises without end towards zero.
@@ -45,14 +45,15 @@ def _colour(prior):
 @apply_style
 def plot_floor(floor: Any, *, ax: Axes | None = None) -> Axes:
     """The power of a mode of either parity, or of a scalar field, with 68 % intervals."""
-    errors = [f"{name} ± {error:.3g} {floor.unit}" for name, error in floor.errors.items()]
-    names = [f"odd parity: {errors[0]}", f"even parity: {errors[1]}"] if len(floor.powers) == 2 else ["\n".join(errors)]
+    errors = [f"floor of the {name}: {error:.2g} {floor.unit}" for name, error in floor.errors.items()]
+    names = [f"odd parity, {errors[0]}", f"even parity, {errors[1]}"] if len(floor.powers) == 2 else ["\n".join(errors)]
+    top = max(max(power) for power in floor.powers.values()) or 1.0
     subplots = panels(ax, len(names), 1, size=(WIDTH, 0.5 + 0.75 * len(names)))
     for axes, name, (value, lower, upper) in zip(subplots, names, floor.powers.values(), strict=True):
         axes.hlines(0, lower, upper, color=COLOURS[0], linewidth=2, label="68 %")
         axes.plot(value, 0, "o", color=COLOURS[1], markersize=5, label="median")
         axes.set_title(name, loc="left")
-        axes.set_xlim(-0.02 * upper, 1.15 * max(upper, value, 1e-30))
+        axes.set_xlim(-0.02 * top, 1.15 * top)
         axes.set(xlabel=f"power of a mode  [({floor.unit})²]" if axes is subplots[-1] else "", yticks=[])
         axes.spines["left"].set_visible(False)
     subplots[0].legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.9))

@@ -198,7 +198,7 @@ def _make_influence_part(field, label, pair, lmax):
     name = f"influence_{label}_{'_'.join(pair)}".replace("(", "").replace(")", "").replace(",", "")
     symbols = " and ".join(map(fit.correlation.symbol, pair))
     quantity = f"correlation of {symbols}" if len(pair) == 2 else f"ln σ² of {symbols}"
-    title, unit = f"{label}:\nwhat drives the {quantity}", "change per doubling of weight"
+    title, unit = f"{label}:\nwhat drives the {quantity}", "its change where the sources (dots) weigh twice"
     metadata = {"ORDERING": "RING", "FRAME": field.frame}
     return finishing.Part(
         name,

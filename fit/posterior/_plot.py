@@ -150,7 +150,9 @@ def plot_trace(posterior: Any, n_shown: int = 40, *, ax: OnAxes | None = None) -
         if posterior.burn_in:
             axes.axvspan(0, posterior.burn_in, color="0.85", zorder=0)
         axes.set_ylabel(format_label(name) if name in UNITS else symbol(name))
-        axes.set_title(f"R̂ = {r_hat[name]:.3f}, effective size {size[name]:.0f}", loc="right", fontsize=6.5, pad=2)
+        axes.set_title(
+            f"R̂ = {r_hat[name]:.3f}, effective size {float(f'{size[name]:.2g}'):.0f}", loc="right", fontsize=6.5, pad=2
+        )
     subplots[-1].set_xlabel(f"step{' (shaded: left out)' if posterior.burn_in else ''}")
     return subplots
 
