@@ -23,7 +23,7 @@ BUDGET = {
     "fit/posterior": 1554, "fit/redshift": 759, "fit/results": 1598, "fit/robust": 683,
     "fit/secular_parallax": 1210, "fit/waves": 392, "sim": 700, "sim/agis": 1694, "sim/commands": 314,
     "sim/gaia": 481, "sim/scanning": 416, "sim/signal": 362, "study": 0, "study/commands": 304,
-    "study/forecast": 347, "study/referee": 938, "vsh": 1605, "vsh/commands": 1517, "vsh/figures": 1059,
+    "study/forecast": 347, "study/referee": 938, "vsh": 1605, "vsh/commands": 1517, "vsh/figures": 1025,
     "vsh/io": 6615, "vsh/models": 972, "vsh/sky": 449, "vsh/tools": 1716,
 }  # fmt: skip
 _NO_CODE = {

@@ -162,10 +162,9 @@ def provenance(sources: Mapping[str, Any], command: Sequence[str] | None = None)
         for key, value in sources.items()
         if value not in ([], {}, None)
     ]
-    command_panels = (
-        [paragraph("To repeat the run:"), preformatted_panel(shlex.join(command), "command")] if command else []
-    )
-    return heading("Where this comes from", *command_panels, facts(entries))
+    introduction = paragraph("To repeat the run:" if command else "")
+    command_panel = preformatted_panel(shlex.join(command or ()), "command")
+    return heading("Where this comes from", introduction, command_panel, facts(entries))
 
 
 def page(title: str, panels: Iterable[Panel], *, lead: str = "", source: str = "") -> str:

@@ -35,6 +35,8 @@ from vsh.vector import SEEN
 LONGEST = 11.0
 #: Points along an arrow; the shares of it before its place, the first that fits on the map being taken.
 _POINTS = 13
+#: Of the arrow that tells how long others are.
+_KEY_STYLE: Any = {"fontsize": 6, "color": "0.25", "path_effects": HALO}
 _PLACES = ((0.5, 1.0), (0.0, 1.0), (1.0, 1.0), (0.5, 0.5), (0.0, 0.5), (1.0, 0.5), (0.5, 0.2), (0.0, 0.2), (1.0, 0.2))
 
 
@@ -107,29 +109,10 @@ def draw_key(axes: SkyAxes, largest: float, unit: str, longest: float = LONGEST)
     power_of_ten = 10 ** np.floor(np.log10(largest))
     length = float(max(k * power_of_ten for k in (1, 2, 5) if k == 1 or k * power_of_ten <= largest))
     arrow_share = np.radians(longest) / (2 * PROJECTIONS[axes.projection_name][1]) * length / largest
-    axes.annotate(
-        "",
-        (arrow_share, 0.055),
-        (0.0, 0.055),
-        xycoords="axes fraction",
-        arrowprops={
-            "arrowstyle": "-|>,head_width=0.12,head_length=0.25",
-            "linewidth": 0.8,
-            "color": "0.25",
-            "shrinkA": 0,
-            "shrinkB": 0,
-        },
-    )
-    axes.text(
-        0.0,
-        -0.012,
-        f"{length:g} {unit}",
-        transform=axes.transAxes,
-        fontsize=6,
-        color="0.25",
-        va="bottom",
-        path_effects=HALO,
-    )
+    arrow = {"arrowstyle": "-|>,head_width=0.12,head_length=0.25", "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
+    ends = (arrow_share, 0.055), (0.0, 0.055)
+    axes.annotate("", *ends, xycoords="axes fraction", arrowprops=arrow | {"color": _KEY_STYLE["color"]})
+    axes.text(0.0, -0.012, f"{length:g} {unit}", transform=axes.transAxes, va="bottom", **_KEY_STYLE)
 
 
 def make_arrow_lines(
@@ -320,16 +303,8 @@ def plot_field(
         label = f"arrows: not detected, p ≥ {chance:.2g}"
         handles.append(Patch(facecolor=_NOISE, linewidth=0.0, label=label))
     if handles:
-        axes.legend(
-            handles=handles,
-            loc="upper center",
-            bbox_to_anchor=(0.5, -0.02),
-            ncols=2,
-            borderaxespad=0,
-            fontsize=6.5,
-            title=legend_title,
-            title_fontsize=6.5,
-        )
+        placement: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.02), "borderaxespad": 0, "ncols": 2}
+        axes.legend(handles=handles, title=legend_title, fontsize=6.5, title_fontsize=6.5, **placement)
     if covariance is not None and not is_noise:
         scale = ScalarMappable(Normalize(0, TOP), _make_significance_colours())
         bar = colour_bar(axes, scale, r"$\sqrt{v^T C^{-1} v}$ of an arrow (grey: $p > 0.05$)", extend="max", shrink=0.6)

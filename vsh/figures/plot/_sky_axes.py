@@ -381,16 +381,9 @@ def draw_matrix(axes: Axes, matrix: FloatArray, names: Sequence[str], groups: Se
     if k <= NUMBERED:
         for (row, column), value in np.ndenumerate(off_diagonal):
             if np.isfinite(value):
-                is_dark = abs(value) > 0.6 * reach
-                axes.text(
-                    column,
-                    row,
-                    "0.00" if abs(value) < 0.005 else f"{value:+.2f}".replace("-", "−"),
-                    ha="center",
-                    va="center",
-                    fontsize=6.5,
-                    color="w" if is_dark else "k",
-                )
+                text = "0.00" if abs(value) < 0.005 else f"{value:+.2f}".replace("-", "−")
+                colour = "w" if abs(value) > 0.6 * reach else "k"
+                axes.text(column, row, text, ha="center", va="center", fontsize=6.5, color=colour)
     return image
 
 

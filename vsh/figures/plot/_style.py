@@ -32,24 +32,14 @@ SEQUENTIAL, DIVERGING, SIGNIFICANCE = "viridis", "RdBu_r", "viridis_r"
 FADED = "#b3b3b3"
 #: matplotlib's settings, for figures of one's own: ``with plt.rc_context(vsh.figures.plot.STYLE): …``
 STYLE: Any = {
-    "font.size": 8,
-    "axes.titlesize": 8,
-    "axes.labelsize": 8,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "legend.fontsize": 7,
-    "figure.titlesize": 8,
-    "figure.labelsize": 8,
+    **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize", "figure.titlesize", "figure.labelsize"), 8),
+    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 7),
     "legend.frameon": False,
     "legend.handletextpad": 0.4,
     "legend.columnspacing": 1.0,
-    "axes.linewidth": 0.6,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.minor.width": 0.4,
-    "ytick.minor.width": 0.4,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
+    **dict.fromkeys(("axes.linewidth", "xtick.major.width", "ytick.major.width"), 0.6),
+    **dict.fromkeys(("xtick.minor.width", "ytick.minor.width"), 0.4),
+    **dict.fromkeys(("axes.spines.top", "axes.spines.right"), False),
     "axes.prop_cycle": plt.cycler(color=COLOURS),
     "lines.linewidth": 1.0,
     "lines.markersize": 3.5,
@@ -60,8 +50,7 @@ STYLE: Any = {
     "savefig.dpi": 300,
     "figure.constrained_layout.use": True,
     # TrueType: text of a PDF can be searched and is taken by journals.
-    "pdf.fonttype": 42,
-    "ps.fonttype": 42,
+    **dict.fromkeys(("pdf.fonttype", "ps.fonttype"), 42),
     # Two runs give the same file.
     "svg.hashsalt": "vsh-astrometry",
 }
