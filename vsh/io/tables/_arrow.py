@@ -26,15 +26,7 @@ def open_parquet(paths: PathName | Sequence[PathName], label: str) -> TableSourc
         options = dataset_module.ParquetFragmentScanOptions(page_checksum_verification=True)
         file_format = dataset_module.ParquetFileFormat(default_fragment_scan_options=options)
         dataset = dataset_module.dataset([str(path) for path in paths], format=file_format)
-        schema = dataset.schema
-    _check_fragments(dataset, label)
-
-    def read_batches(names, rows):
-        return dataset.to_batches(
-            columns=list(names), batch_size=min(rows, 2**17), batch_readahead=1, fragment_readahead=1
-        )
-
-    return _make_source(label, schema, read_batches)
+    return open_dataset(dataset, label, batch_readahead=1, fragment_readahead=1)
 
 
 def _open_parquet_file(path, label):
@@ -109,12 +101,12 @@ def _find_name(fragment):
     return os.path.basename(getattr(fragment, "path", "") or "a part")
 
 
-def open_dataset(dataset: Any, label: str) -> TableSource:
+def open_dataset(dataset: Any, label: str, **options: Any) -> TableSource:
     """A pyarrow Dataset, wherever its files lie."""
     _check_fragments(dataset, label)
 
     def read_batches(names, rows):
-        return dataset.to_batches(columns=list(names), batch_size=min(rows, 2**17))
+        return dataset.to_batches(columns=list(names), batch_size=min(rows, 2**17), **options)
 
     return _make_source(label, dataset.schema, read_batches)
 
