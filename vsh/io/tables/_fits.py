@@ -181,18 +181,8 @@ def open_fits(path: PathName, label: str, table: str | None = None) -> TableSour
     # Rows in one block are at most as many as the file holds, whose size has been looked at.
     units = {c.name: c.unit for c in columns if c.unit and c.unit.strip()}
     rows = max(1, headers[extension]["NAXIS2"])  # the file holds as many: `read_headers` has looked
-    return TableSource(
-        label,
-        tuple(names),
-        read,
-        units,
-        meta,
-        notes,
-        whole=rows,
-        descriptions=descriptions,
-        twins=twins,
-        others="" if table else others,
-    )
+    others = "" if table else others
+    return TableSource(label, tuple(names), read, units, meta, notes, rows, descriptions, twins=twins, others=others)
 
 
 @contextmanager

@@ -71,16 +71,8 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
     meta = {str(param.name): param.value for param in table.params}
     meta |= {str(info.name): info.value for info in table.infos}
     descriptions = {name: str(column.description) for name, column in columns.items() if column.description}
-    return TableSource(
-        label,
-        tuple(names),
-        read,
-        units,
-        meta,
-        notes,
-        descriptions=descriptions,
-        systems=_find_coordinate_systems(document, columns),
-    )
+    systems = _find_coordinate_systems(document, columns)
+    return TableSource(label, tuple(names), read, units, meta, notes, descriptions=descriptions, systems=systems)
 
 
 def _find_coordinate_systems(document, columns):
