@@ -55,8 +55,7 @@ class SchemaCheck(InNotebook):
     def to_table(self) -> Table:
         """A row for each name that is missing, as an astropy Table."""
         rows = [(query, name, nearest or "") for query, absent in self.missing.items() for name, nearest in absent]
-        columns = {head: [str(row[k]) for row in rows] for k, head in enumerate(("query", "missing", "nearest"))}
-        return tables.table_of(columns, {"schema": self.schema})
+        return tables.table_of_rows(("query", "missing", "nearest"), rows, {"schema": self.schema})
 
 
 def check_schema(schema: str = DR4.schema, url: str = ESA) -> SchemaCheck:

@@ -142,14 +142,12 @@ def query(
 
 def _check_as_fetched(path, record):
     """Raise ArchiveError where a file is not the one that its note is about."""
-    if not record.get("query"):
-        raise ArchiveError(
-            f"{printable(path)} exists without its note, so its query is unknown: choose another name, or delete it"
-        )
-    if not record.get("sha256"):
-        raise ArchiveError(
-            f"{printable(path)} is there, and its note has no hash of it: choose another name, or delete it"
-        )
+    for key, reason in (
+        ("query", "exists without its note, so its query is unknown"),
+        ("sha256", "is there, and its note has no hash of it"),
+    ):
+        if not record.get(key):
+            raise ArchiveError(f"{printable(path)} {reason}: choose another name, or delete it")
     if digest(path) != record["sha256"]:
         raise ArchiveError(
             f"{printable(path)} is not as it was fetched: somebody changed it. Take another name, or delete it"
@@ -423,11 +421,7 @@ def _extract_message(body):
         elements = list(ElementTree.fromstring(text).iter())
     except ElementTree.ParseError:
         return " ".join(text.split())[:500] if "<" not in text else ""
-    infos = [
-        element
-        for element in elements
-        if element.tag.endswith("INFO") and element.get("value") in ("ERROR", "OVERFLOW")
-    ]
+    infos = [node for node in elements if node.tag.endswith("INFO") and node.get("value") in ("ERROR", "OVERFLOW")]
     messages = [
         node.text or node.get("value") or ""
         for node in infos or elements
