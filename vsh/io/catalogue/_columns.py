@@ -325,17 +325,11 @@ def find_conversion_factors(
             is_modulus = role.startswith("distance") and _OF_MODULI.search(name)
             missing_units[name] = "mag" if is_modulus else _format_unit(target)
     if missing_units:
-        subject = (
-            f"columns {', '.join(map(repr, missing_units))} have"
-            if len(missing_units) > 1
-            else f"column {next(iter(missing_units))!r} has"
-        )
+        names = ", ".join(map(repr, missing_units))
+        subject = f"columns {names} have" if len(missing_units) > 1 else f"column {names} has"
         hint = shlex.quote(",".join(f"{name}={unit.replace(' ', '')}" for name, unit in missing_units.items()))
-        length_units = (
-            ", or kpc, pc, or mag of distance moduli"
-            if any(role.startswith("distance") and column_of.get(role) in missing_units for role in UNIT_REQUIRED)
-            else ""
-        )
+        is_length = any(column_of.get(role) in missing_units for role in ("distance", "distance_error"))
+        length_units = ", or kpc, pc, or mag of distance moduli" if is_length else ""
         raise TableError(f"{subject} no unit: say which, units={missing_units!r}{length_units} (--units {hint})")
     return role_factors, assumed_units
 

@@ -187,20 +187,12 @@ def match(
         if n_distant:
             names = ", ".join(one_line_text(name) for name in a.name[i][separation > 1e6][:3])
             notes.append(f"{n_distant} of the pairs are more than 1 arcsec apart ({names}): are they the same sources?")
-    extras: dict[str, Any] = {}
-    if not positions:
-        extras = {column: _pick(getattr(a, column), i) for column in MEASURED} | {"redshift_frame": a.redshift_frame}
-    return (Offsets if positions else Field)(
-        a.lon[i],
-        a.lat[i],
-        difference,
-        sigma,
-        covariance[2] / (sigma[0] * sigma[1]),
-        name=_pick(a.name, i),
-        frame=a.frame,
-        notes=(*a.notes, *b.notes, *notes),
-        **extras,
-    )
+    rho = covariance[2] / (sigma[0] * sigma[1])
+    about: dict[str, Any] = {"name": _pick(a.name, i), "frame": a.frame, "notes": (*a.notes, *b.notes, *notes)}
+    if positions:
+        return Offsets(a.lon[i], a.lat[i], difference, sigma, rho, **about)
+    about |= {column: _pick(getattr(a, column), i) for column in MEASURED} | {"redshift_frame": a.redshift_frame}
+    return Field(a.lon[i], a.lat[i], difference, sigma, rho, **about)
 
 
 def _match_by_name(a, b):
