@@ -370,18 +370,12 @@ class Observations(Frozen):
         def average(values):
             return np.bincount(crossing, weight * values[order]) / weight_sums
 
-        return replace(
-            self,
-            source=self.source[starts],
-            time=average(self.time),
-            design=np.array([average(row) for row in self.design]),
-            position=average(self.position),
-            error=1 / np.sqrt(weight_sums),
-            view=None if self.view is None else self.view[starts],
-            row=None if self.row is None else self.row[starts],
-            colour=None if self.colour is None else average(self.colour),
-            excess_noise=None if self.excess_noise is None else average(self.excess_noise),
-        )
+        given = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        given = {name: values for name, values in given.items() if values is not None}
+        means = {name: average(given[name]) for name in ("time", "position", "colour", "excess_noise") if name in given}
+        firsts = {name: given[name][starts] for name in ("source", "view", "row") if name in given}
+        design = np.array([average(row) for row in self.design])
+        return replace(self, **means, **firsts, design=design, error=1 / np.sqrt(weight_sums))
 
 
 def epoch_files(path: PathName) -> list[Path]:
@@ -584,11 +578,8 @@ def _flatten_observations(
     is_bad = is_bad.ravel()
     if padding.any():  # where a transit has fewer CCDs than another there is no observation
         is_observation = ~np.broadcast_to(padding, shape).ravel()
-        flat, is_bad, is_unused = (
-            {name: values[is_observation] for name, values in flat.items()},
-            is_bad[is_observation],
-            is_unused[is_observation],
-        )
+        flat = {name: values[is_observation] for name, values in flat.items()}
+        is_bad, is_unused = is_bad[is_observation], is_unused[is_observation]
     for name, values in flat.items():
         if values.dtype.kind == "f" or name in _LARGEST:
             is_bad |= ~(np.abs(values.astype(float)) <= _LARGEST.get(name, np.inf)) | ~np.isfinite(values)
@@ -737,12 +728,6 @@ def read_epochs(
     share = 100 * solution.outliers.sum() / max(1, solution.observations.sum())
     if robust:
         notes = (*notes, f"epochs: {share:.2g} % of {solution.observations.sum()} observations have a weight below 0.2")
-    return Field(
-        lon[rows],
-        lat[rows],
-        solution.values[rows][:, 3:].T,
-        sigma,
-        covariance[:, 0, 1] / (sigma[0] * sigma[1]),
-        name=observations.name[rows],
-        notes=(*notes, *added_notes),
-    )
+    motion, rho = solution.values[rows][:, 3:].T, covariance[:, 0, 1] / (sigma[0] * sigma[1])
+    name, notes = observations.name[rows], (*notes, *added_notes)
+    return Field(lon[rows], lat[rows], motion, sigma, rho, name=name, notes=notes)
