@@ -422,14 +422,12 @@ class Dask(Engine):
                 ) from error
             return nullcontext()
         try:
-            client = distributed.get_client()
+            client: Any = distributed.get_client()
         except ValueError:
             client = None
-        if self.address is None or (
-            client is not None
-            and client.scheduler is not None
-            and self.address in (client.scheduler.address, client.scheduler_file)
-        ):
+        scheduler = getattr(client, "scheduler", None)
+        is_theirs = scheduler is not None and self.address in (scheduler.address, client.scheduler_file)
+        if self.address is None or is_theirs:
             return nullcontext(client)
         is_file = "://" not in self.address
         if is_file and not Path(self.address).is_file():  # for which Dask would wait for ever
