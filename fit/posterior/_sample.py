@@ -172,11 +172,11 @@ def sample(
     if steps < 2:
         raise ParameterError(f"{n_samples} samples are fewer than two steps of {n_walkers} walkers")
     seed, begun = int(generator(rng).integers(2**32)), perf_counter()
-    about: Any = {"model": model, "frame": equations.frame, "notes": equations.notes, "seed": seed}
+    about: Any = {"model": model, "frame": equations.frame, "notes": equations.notes, "seed": seed, "method": method}
     if method == "grid":
         theta, log_density = Cells.of(model).draw_independent(np.random.default_rng(seed), steps * n_walkers)
         chain, log_probability = theta.reshape(steps, n_walkers, -1), log_density.reshape(steps, n_walkers)
-        return _log_run(Posterior(chain=chain, log_probability=log_probability, method=method, **about), begun)
+        return log_result(_LOG, "chain", Posterior(chain=chain, log_probability=log_probability, **about), begun)
     cells, start_rng = make_cells_if_possible(model), np.random.default_rng(seed)
     start = model.start(start_rng, n_walkers) if cells is None else cells.draw_independent(start_rng, n_walkers)[0]
     max_steps = 16 * steps if max_samples is None else int(max_samples) // n_walkers
@@ -200,12 +200,8 @@ def sample(
         if checkpoint is not None:
             run.resume_from(checkpoint, identity)
         chain, log_probability = run.run()
-    return _log_run(Posterior(chain=chain, log_probability=log_probability, cells=cells, **about), begun)
-
-
-def _log_run(posterior, begun):
-    log_result(_LOG, "chain", posterior, begun)
-    return posterior
+    about["cells"] = cells
+    return log_result(_LOG, "chain", Posterior(chain=chain, log_probability=log_probability, **about), begun)
 
 
 def _list_identifying_arrays(field, equations):

@@ -186,18 +186,18 @@ def log_calls(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
                 begin = time.perf_counter()
                 with set_meanwhile(_IS_WITHIN_STEP, True):
                     result = function(*args, **options)
-            log_result(logger, words, result, begin)
-            return result
+            return log_result(logger, words, result, begin)
 
         return timed
 
     return decorate
 
 
-def log_result(logger: logging.Logger, words: str, result: object, begin: float) -> None:
-    """Log a result where a decorator would stand between a warning and its caller."""
+def log_result(logger: logging.Logger, words: str, result: _T, begin: float) -> _T:
+    """Log a result, and give it back, where a decorator would stand between a warning and its caller."""
     if not _IS_WITHIN_STEP.get():
         logger.info("%s: %s, %.3g s", words, _shorten_repr(result), time.perf_counter() - begin)
+    return result
 
 
 def _shorten_repr(result):

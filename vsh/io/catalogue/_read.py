@@ -135,8 +135,7 @@ def read_field(
     else:
         maker = _FieldMaker(opened, columns, units, on_bad, frame, roles, where, sigma)
         field = maker(maker.source.columns(maker.names))
-    log_result(_LOG, f"read {opened.label}", field, begin)
-    return field
+    return log_result(_LOG, f"read {opened.label}", field, begin)
 
 
 def has_epochs(names: Iterable[str]) -> bool:
