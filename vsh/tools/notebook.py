@@ -91,9 +91,8 @@ def _describe_array(values):
     if values.dtype.kind in "iuf" and np.isfinite(values).any():
         finite_values = values[np.isfinite(values)]
         n_missing = values.size - finite_values.size
-        return f"{shape}, from {finite_values.min():.5g} to {finite_values.max():.5g}" + (
-            f", {n_missing} missing" if n_missing else ""
-        )
+        missing = f", {n_missing} missing" if n_missing else ""
+        return f"{shape}, from {finite_values.min():.5g} to {finite_values.max():.5g}{missing}"
     return f"{shape}: {', '.join(map(str, values.ravel()[:3]))}{', …' if values.size > 3 else ''}"
 
 
