@@ -158,10 +158,8 @@ class _Grid:
         # Contracting the last axis first, the target stays.
         marginal = reduce(np.matmul, reversed(weights), likelihood)
         root = nodes[k]
-        evidence = (
-            float(np.log(integrate_cumulatively(marginal * self._compute_shrinkage_prior(k, root), root)[-1]) + highest)
-            - self._compute_log_evidence_of_none()
-        )
+        integral = integrate_cumulatively(marginal * self._compute_shrinkage_prior(k, root), root)[-1]
+        evidence = float(np.log(integral) + highest) - self._compute_log_evidence_of_none()
         log_likelihood = np.log(marginal + 1e-300)
         return Amplitude(root, log_likelihood - log_likelihood.max()), evidence
 

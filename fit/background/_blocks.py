@@ -200,10 +200,8 @@ class ClassLikelihood:
         ones = np.ones((self.n_classes, self.n_classes))
         common = np.concatenate([of_modes[..., 0], squares[..., self.mode_units.size :]], -1)[..., None, None] * ones
         if self.n_classes > 1:
-            class_squares = (
-                of_modes[..., 1:] if self.own == "each" else np.repeat(of_modes[..., 1:2], self.n_classes, -1)
-            )
-            common[..., : self.n_groups, :, :] += class_squares[..., None] * np.eye(self.n_classes)
+            # One of each class, or one for all.
+            common[..., : self.n_groups, :, :] += of_modes[..., 1:, None] * np.eye(self.n_classes)
         return common
 
     def _factor_shares(self, x):

@@ -268,9 +268,8 @@ class Likelihood(Amplitudes):
     def __call__(self, amplitudes: FloatArray, noise_scale: float = 1.0) -> float:
         """ln L, relative to that of no background with errors as they are."""
         tau = noise_scale**2
-        return (
-            float(self.combine(*self.parts(np.atleast_1d(np.asarray(amplitudes, float)) / tau), tau)) + self._chi2 / 2
-        )
+        logdet, gain = self.parts(np.atleast_1d(np.asarray(amplitudes, float)) / tau)
+        return float(self.combine(logdet, gain, tau)) + self._chi2 / 2
 
     def combine(
         self, logdet: FloatArray | float, gain: FloatArray | float, tau: FloatArray | float

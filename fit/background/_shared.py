@@ -286,10 +286,7 @@ class ClassComparison(Result):
         remarks = [self.verdict_words()] if len(self) > 1 else []
         if len(self) > 1:
             change = self.difference(0, len(self) - 1)
-            texts = []
-            if isinstance(change, ScalarSolution):
-                value, error = change.mean
-                texts.append(f"mean {format_with_error(value, error, '+')}")
+            texts = [f"mean {format_with_error(*change.mean, '+')}"] if isinstance(change, ScalarSolution) else []
             names = [name for name, _ in self.parameters.values() if name != "mean"]
             texts += [f"{name} {', '.join(format_components(getattr(change, name)))}" for name in names]
             facts.append(("last − first", "; ".join(texts)))
