@@ -346,14 +346,11 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
     if magnitudes.ndim != 1 or len(magnitudes) < 2 or not np.isfinite(magnitudes).all():
         raise ParameterError(f"two magnitudes at least are expected as places of a jump, not {places!r}")
     solutions = [link(astrometry, steps=[float(magnitude)], **options) for magnitude in magnitudes]
-    log_determinants = [
-        np.linalg.slogdet(tie.jump_covariance(x))[1] for tie, x in zip(solutions, magnitudes.tolist(), strict=True)
-    ]
+    pairs = list(zip(solutions, magnitudes.tolist(), strict=True))
+    log_determinants = [np.linalg.slogdet(solution.jump_covariance(x))[1] for solution, x in pairs]
     log_evidence = np.array([tie.log_evidence for tie in solutions]) - np.array(log_determinants) / 2
     best = solutions[int(log_evidence.argmax())]
-    p_values = np.array(
-        [solution.jump_p_values(magnitude) for solution, magnitude in zip(solutions, magnitudes.tolist(), strict=True)]
-    )
+    p_values = np.array([solution.jump_p_values(x) for solution, x in pairs])
     search_p_values = -np.expm1(len(magnitudes) * np.log1p(-np.minimum(p_values.min(axis=0), 1 - 1e-16)))
     baseline = link(astrometry, **options)
     best = replace(best, searched=tuple(map(float, search_p_values)))

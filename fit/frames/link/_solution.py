@@ -141,9 +141,8 @@ class FrameTie(FrameResult, NamedSolution):
             raise ParameterError(
                 f"no step was fitted at {step:g}; fitted are {', '.join(map(str, self.unknowns.steps)) or 'none'}"
             )
-        value, covariance, p = self._combine_and_test(
-            self.unknowns.jump(vector, catalogue or self.unknowns.turned[0], step)
-        )
+        combination = self.unknowns.jump(vector, catalogue or self.unknowns.turned[0], step)
+        value, covariance, p = self._combine_and_test(combination)
         return Vector(value, covariance, self.frame, VECTORS[vector][1]), p
 
     def jump_covariance(self, step: float) -> FloatArray:
@@ -416,11 +415,10 @@ class FrameTie(FrameResult, NamedSolution):
         table.add_column(units, 3, "unit")
         table.meta |= {"reference": self.reference, "epoch": self.unknowns.epoch, "n_sources": len(self.sources)}
         table.meta |= {"chi2": self.chi2, "dof": self.dof, "summary": self.verdict}
+        endings = ["", *(f"_{vector}" for vector in self._jumping_vectors)]
         for step in self.unknowns.steps:
-            for name, p in zip(
-                ("", *(f"_{vector}" for vector in self._jumping_vectors)), self.jump_p_values(step), strict=True
-            ):
-                table.meta[f"p_value_jump_{step:g}{name}"] = p
+            for ending, p in zip(endings, self.jump_p_values(step), strict=True):
+                table.meta[f"p_value_jump_{step:g}{ending}"] = p
         return table
 
     def _format_tails(self):
