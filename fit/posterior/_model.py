@@ -238,20 +238,15 @@ class ParallaxModel:
         """s, x and q of the likelihood, (3, n), and H0/H_ref, from the free numbers (n, k)."""
         columns = dict(zip(self.priors.free, parameters.T, strict=True))
         ratio = columns["H0"] / self.likelihood.hubble
-        dispersion = (
-            columns["peculiar_dispersion"] * ratio
-            if "peculiar_dispersion" in columns
-            else np.full(ratio.shape, self.priors.peculiar_dispersion)
-        )
-        excess_noise = np.broadcast_to(columns.get("excess_noise", self.priors.excess_noise), ratio.shape)
+        dispersion: Any = self.priors.peculiar_dispersion
+        if "peculiar_dispersion" in columns:
+            dispersion = columns["peculiar_dispersion"] * ratio
+        excess_noise = columns.get("excess_noise", self.priors.excess_noise)
         # Without a prior the flow's amplitude stands for H_ref and weighs only; with one it tells H0.
         flow = columns["flow_amplitude"] * ratio if "flow_amplitude" in columns else np.ones(ratio.shape)
         flow = flow if self.priors.group is None else ratio
-        clipped = [
-            np.clip(value, axis.low, axis.high)
-            for value, axis in zip((dispersion, excess_noise, flow), self.likelihood.axes, strict=True)
-        ]
-        return np.stack(clipped), ratio
+        lower, upper = np.transpose([(axis.low, axis.high) for axis in self.likelihood.axes])[:, :, None]
+        return np.clip(np.broadcast_arrays(dispersion, excess_noise, flow), lower, upper), ratio
 
     def marginalise_velocity(
         self, parameters: FloatArray, with_priors: bool = True

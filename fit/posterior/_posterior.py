@@ -476,8 +476,8 @@ def _compute_hubble_by_prior(model):
         weight = np.where(np.isfinite(log_p), np.exp(log_p - np.nanmax(log_p[np.isfinite(log_p)])), 0.0) * step
         cumulative = np.cumsum(weight) / weight.sum()
         end_weight = weight[:40].sum() + weight[-40:].sum()  # within a factor of 1.07 of a limit
-        median, low68, high68, below, above = np.interp(_QUANTILE_LEVELS, cumulative, hubble).tolist()
-        quantiles[name] = HubbleQuantiles(median, low68, high68, below, above, bool(end_weight > 0.02 * weight.sum()))
+        values = np.interp(_QUANTILE_LEVELS, cumulative, hubble).tolist()
+        quantiles[name] = HubbleQuantiles._make([*values, bool(end_weight > 0.02 * weight.sum())])
     return quantiles
 
 

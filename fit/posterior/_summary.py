@@ -34,11 +34,10 @@ class Interval(NamedTuple):
 def compute_intervals(samples: Mapping[str, FloatArray]) -> dict[str, Interval]:
     """An Interval for each name."""
     levels = [50, 15.865525, 84.134475, 2.5, 97.5]  # the median, the Gaussian's 1 σ, and 95 %
-    intervals = {}
-    for name, x in samples.items():
-        median, low68, high68, low95, high95 = map(float, np.percentile(x, levels))
-        intervals[name] = Interval(median, low68, high68, low95, high95, float(np.mean(x)), float(np.std(x, ddof=1)))
-    return intervals
+    return {
+        name: Interval._make([*np.percentile(x, levels).tolist(), float(np.mean(x)), float(np.std(x, ddof=1))])
+        for name, x in samples.items()
+    }
 
 
 class SampleResult(Result):
