@@ -48,9 +48,8 @@ class Leakage(Result):
 
     def of(self, coefficients: Coefficients) -> Coefficients:
         """The bias by a given field, `coefficients` [µas/yr], as Coefficients; its fitted degrees do not count."""
-        return Coefficients(
-            self.fitted, self.matrix @ self._select_beyond(coefficients.to_degree(self.unmodelled.lmax).values)
-        )
+        beyond = self._select_beyond(coefficients.to_degree(self.unmodelled.lmax).values)
+        return Coefficients(self.fitted, self.matrix @ beyond)
 
     def covariance(self, power: float | Mapping[int, float] | ArrayLike) -> FloatArray:
         """Covariance of the biases, (p, p), for a Gaussian random field. [(µas/yr)²]

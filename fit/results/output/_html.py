@@ -101,9 +101,8 @@ def write_html(
         f"({len(modes)} coefficients), {solution.frame} axes"
     )
     close_figures(new_figures.values())
-    page.write_page(
-        path, page.page(title or find_subject(solution), panels, lead=lead, source=source), overwrite=overwrite
-    )
+    html = page.page(title or find_subject(solution), panels, lead=lead, source=source)
+    page.write_page(path, html, overwrite=overwrite)
 
 
 def _format_warnings(solution):

@@ -231,9 +231,8 @@ def answer_of(solution: Any) -> Answer:
         A fit of proper motions or of a scalar field; of positions the answer has no lines.
     """
     solution = solution_of(solution, "answer")
-    if (solution.unit != "µas/yr" and not is_scalar(solution)) or not np.isfinite(
-        [*solution.covariance.diagonal(), *solution.values]
-    ).all():
+    is_known = np.isfinite([*solution.covariance.diagonal(), *solution.values]).all()
+    if not is_known or (solution.unit != "µas/yr" and not is_scalar(solution)):
         return Answer()
     if reason := _find_reason_for_no_result(solution):
         return Answer(((("mean" if is_scalar(solution) else "acceleration"), f"no result: {reason}"),))
