@@ -35,7 +35,7 @@ from vsh.vector import SEEN
 LONGEST = 11.0
 #: Points along an arrow; the shares of it before its place, the first that fits on the map being taken.
 _POINTS = 13
-#: Of the arrow that tells how long others are.
+#: Style of the arrow that tells how long others are, and of its words.
 _KEY_STYLE: Any = {"fontsize": 6, "color": "0.25", "path_effects": HALO}
 _PLACES = ((0.5, 1.0), (0.0, 1.0), (1.0, 1.0), (0.5, 0.5), (0.0, 0.5), (1.0, 0.5), (0.5, 0.2), (0.0, 0.2), (1.0, 0.2))
 
