@@ -45,8 +45,8 @@ def _colour(prior):
 @apply_style
 def plot_floor(floor: Any, *, ax: Axes | None = None) -> Axes:
     """The power of a mode of either parity, or of a scalar field, with 68 % intervals."""
-    errors = [f"floor of the {name}: {error:.2g} {floor.unit}" for name, error in floor.errors.items()]
-    names = [f"odd parity, {errors[0]}", f"even parity, {errors[1]}"] if len(floor.powers) == 2 else ["\n".join(errors)]
+    errors = [f"{name} ± {error:.2g} {floor.unit}" for name, error in floor.errors.items()]
+    names = [f"odd parity: {errors[0]}", f"even parity: {errors[1]}"] if len(floor.powers) == 2 else ["\n".join(errors)]
     top = max(max(power) for power in floor.powers.values()) or 1.0
     subplots = panels(ax, len(names), 1, size=(WIDTH, 0.5 + 0.75 * len(names)))
     for axes, name, (value, lower, upper) in zip(subplots, names, floor.powers.values(), strict=True):
