@@ -93,7 +93,7 @@ def plot_leakage(leakage: Any, *, ax: OnAxes | None = None) -> AxesArray:
                 rms.append(np.sqrt(sum(value**2 for value in biases.values())))
             axes.plot(degrees, rms, "os"[row] + "-", color=KIND_COLOURS[kind], label=f"from {KIND_NAMES[kind]} degrees")
         axes.set(ylabel=f"rms bias of {name}\n[µas/yr]", ylim=(0, None))
-    legend_above(axes_array[0])
+    legend_above(axes_array[0], 1)
     axes_array[1].set_xlabel("degree $\\ell$ that is left out, of power 1 (µas/yr)²")
     axes_array[1].xaxis.set_major_locator(MaxNLocator(integer=True))
     return axes_array

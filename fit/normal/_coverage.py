@@ -25,7 +25,7 @@ from vsh.tools.types import FloatArray
 _WIDE_GAP, _LARGEST_SHARE = np.radians(60), 0.5
 #: Rows in one square of an arcsecond are of one source [rad]; where they are more than this share of all, errors that
 #: take them as independent are wrong.
-_PLACE_SIZE, _REPEATED_SHARE = np.radians(1 / 3600), 0.01
+_PLACE_SIZE, _REPEATED_SHARE, _FEW_REPEATED = np.radians(1 / 3600), 0.2, 0.01
 #: Few sources leave wide parts empty by chance: one about a given point is worth a word if that has this probability.
 _GAP_CHANCE = 1e-5
 #: So many places of a catalogue in parts are kept, and so many names to find those that stand twice.
@@ -54,9 +54,10 @@ def _iterate_notes(sums: _CoverageSums, frame: str) -> Iterable[str]:
         about = "" if sums.every == 1 else "about "
         rows = f"{about}{n_repeats * sums.every} rows repeat the name of a row in another part or block and are used as"
         yield CodedNote(f"warning: {rows} separate sources", DOUBT)
-    if sums.n_repeats > _REPEATED_SHARE * sums.n:
+    if sums.n_repeats > _FEW_REPEATED * sums.n:
+        code = REPEATED if sums.n_repeats > _REPEATED_SHARE * sums.n else DOUBT
         rows = f"{sums.n_repeats} of {sums.n} rows are at the place of another: rows of one source are not independent"
-        yield CodedNote(f"warning: {rows}, and errors from them are too small: keep one row of each source", REPEATED)
+        yield CodedNote(f"warning: {rows}, and errors from them are too small: keep one row of each source", code)
     by_chance = np.arccos(2 * _GAP_CHANCE ** (1 / sums.n) - 1)
     for max_places in (400, 10_000):  # a few hundred tell of most skies that there is none
         radius, lon, lat = widest_gap(sums.lon, sums.lat, max_places)

@@ -177,7 +177,9 @@ def test_several_rows_a_source_are_no_sample(quasars):
     assert "no result" in fit.estimate(few[rows], 1, "excess-noise").answer.sentence
     assert "at the place" not in fit.recommended(few, 1).verdict
     some = np.r_[np.arange(1500), np.arange(100)]  # a catalogue with a few sources twice
-    assert "no result" not in fit.recommended(quasars[some]).verdict
+    again = fit.recommended(quasars[some])
+    assert "no result" not in again.verdict
+    assert any("100 of 1600 rows are at the place of another" in note for note in again.solution.notes)
 
 
 def test_errors_of_least_squares_in_place_of_a_robust_fit_are_scaled(quasars, monkeypatch):

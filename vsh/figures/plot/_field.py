@@ -415,5 +415,5 @@ def plot_scalar_field(
     label = f"value less its mean{f'  [{unit}]' if unit else ''}"
     axes = plot_map(values, label, frame=frame, cmap=DIVERGING, title=title, ax=ax, vmin=-reach, vmax=reach)
     if _draw_sources_and_gaps(axes, field, color="0.15", alpha=0.5) is not None:
-        axes.legend(handles=[_make_gap_key()], loc="lower left", bbox_to_anchor=(0.0, -0.02), fontsize=6.5)
+        axes.legend(handles=[_make_gap_key()], loc="upper right", bbox_to_anchor=(1.0, 1.0), fontsize=6.5)
     return axes

@@ -222,3 +222,18 @@ def test_link_and_comparison_name_sources_of_a_list_alike():
 
     path = real_catalogue("icrf3sx.txt")
     assert set(read_astrometry(path, epoch=2015.0, still=True).name) == set(read_positions(path).name)
+
+
+def test_offsets_of_positions_have_their_unit():
+    """They were µas/yr in fits, tables and reports, and compared with the acceleration of Gaia."""
+    field = random_field(50, 1)
+    a, b = (
+        Positions(field.lon + shift, field.lat, np.full((2, 50), 100.0), np.zeros(50), np.arange(50))
+        for shift in (1e-9, 0)
+    )
+    offsets = match(a, b)
+    assert offsets.unit == offsets[:9].unit == fit.fit_field(offsets, 1).spin.unit == "µas"
+    table = offsets.to_table()
+    assert table["dra"].unit == table["ddec_error"].unit == "mas"
+    assert "pmra" not in table.colnames
+    assert match(field._derive(name=np.arange(50)), field._derive(name=np.arange(50))).unit == "µas/yr"

@@ -214,3 +214,12 @@ def test_hours_whose_unit_says_degrees_are_doubted():
     positions = {"ra": table["ra"], "dec": table["dec"], "ra_error": np.full(100, 0.1), "dec_error": np.full(100, 0.1)}
     units = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
     assert any("hours" in note for note in read_positions(positions, units=units).notes)
+
+
+def test_rows_set_aside_are_no_errors():
+    """Rows with another solution are left out anyway: the number of those that cannot be used is not theirs."""
+    table = sim.observe(sim.quasars(100, 1), sim.spin((1, 2, 3)), rng=1).to_table()
+    table["astrometric_params_solved"] = np.where(np.arange(100) < 30, 3, 31)
+    table["pmra"][50] = np.nan
+    with pytest.raises(FieldError, match="1 of 100 rows cannot be used"):
+        read_field(table)
