@@ -54,7 +54,7 @@ def test_systematic_errors_leave_the_covariance_with_higher_degrees(catalogues, 
     """They add to the variances of rotation and glide; where these become smaller, correlations stay."""
     north = [field[np.flatnonzero(field.lat > -0.3)] for field in catalogues.values()]
     wave = Coefficients(Modes(5), np.r_[np.zeros(16), np.full(54, 3.0 * (errors < 1))]).at(north[0].lon, north[0].lat)
-    a, b = north[0]._with(motion=north[0].motion + wave), north[1]
+    a, b = north[0]._derive(motion=north[0].motion + wave), north[1]
     plain, with_floor = (compare_catalogues(a, b, 2, floor=floor)[0].best for floor in (False, True))
     block = np.ix_(*(np.flatnonzero(plain.modes.degrees == degree) for degree in (1, 2)))
     if errors < 1:

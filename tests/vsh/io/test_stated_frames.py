@@ -26,6 +26,7 @@ def plain(field):
             for ending in ("", "_error"):
                 if ours + ending in table.colnames:
                     table.rename_column(ours + ending, theirs + ending)
+    table.rename_column(next(name for name in table.colnames if name.endswith("_corr")), "pmra_pmdec_corr")
     return table
 
 

@@ -4,6 +4,8 @@ import warnings
 
 import numpy as np
 import pytest
+from astropy import units as u
+from astropy.table import Table
 from conftest import for_each
 
 import sim
@@ -211,9 +213,14 @@ def test_hours_whose_unit_says_degrees_are_doubted():
     with pytest.warns(VshWarning, match="is ra in hours"):
         field = read_field(table)
     assert has_code(next(note for note in field.notes if "hours" in note), DOUBT)
-    positions = {"ra": table["ra"], "dec": table["dec"], "ra_error": np.full(100, 0.1), "dec_error": np.full(100, 0.1)}
-    units = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
-    assert any("hours" in note for note in read_positions(positions, units=units).notes)
+    positions = {
+        "ra": table["ra"],
+        "dec": table["dec"],
+        "ra_error": np.full(100, 0.1) * u.mas,
+        "dec_error": np.full(100, 0.1) * u.mas,
+    }
+    assert any("hours" in note for note in read_positions(Table(positions)).notes)
+    assert not any("hours" in note for note in read_positions(positions, units={"ra": "deg", "dec": "deg"}).notes)
 
 
 def test_rows_set_aside_are_no_errors():
