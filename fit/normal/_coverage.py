@@ -55,9 +55,9 @@ def _iterate_notes(sums: _CoverageSums, frame: str) -> Iterable[str]:
         rows = f"{about}{n_repeats * sums.every} rows repeat the name of a row in another part or block and are used as"
         yield CodedNote(f"warning: {rows} separate sources", DOUBT)
     if sums.n_repeats > _FEW_REPEATED * sums.n:
-        code = REPEATED if sums.n_repeats > _REPEATED_SHARE * sums.n else DOUBT
         rows = f"{sums.n_repeats} of {sums.n} rows are at the place of another: rows of one source are not independent"
-        yield CodedNote(f"warning: {rows}, and errors from them are too small: keep one row of each source", code)
+        text = f"warning: {rows}, and errors from them are too small: keep one row of each source"
+        yield CodedNote(text, REPEATED if sums.n_repeats > _REPEATED_SHARE * sums.n else DOUBT)
     by_chance = np.arccos(2 * _GAP_CHANCE ** (1 / sums.n) - 1)
     for max_places in (400, 10_000):  # a few hundred tell of most skies that there is none
         radius, lon, lat = widest_gap(sums.lon, sums.lat, max_places)

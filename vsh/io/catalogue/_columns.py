@@ -176,10 +176,13 @@ def _describe_missing_correlations(names, source, motion):
 _ENOUGH_PLACES = 20
 
 
-def check_degrees(columns: Any, assumed: Any, names: Mapping[str, str] | None = None) -> list[CodedNote]:
-    """Raise FieldError where bare positions look like radians or hours; where a unit was said, a doubt about hours."""
+def check_degrees(columns: Any, assumed: bool | None, names: Mapping[str, str] | None = None) -> list[CodedNote]:
+    """Raise FieldError where bare positions look like radians or hours; a doubt about hours where a table has a unit.
+
+    `assumed` is None where the user says the unit.
+    """
     ra, dec = (np.ma.compressed(np.ma.masked_invalid(columns[role])) for role in ("ra", "dec"))
-    if min(ra.size, dec.size) < _ENOUGH_PLACES or ra.max() > 24:
+    if assumed is None or min(ra.size, dec.size) < _ENOUGH_PLACES or ra.max() > 24:
         return []
     lon, lat = (printable((names or {}).get(role, role)) for role in ("ra", "dec"))
     with np.errstate(invalid="ignore"):

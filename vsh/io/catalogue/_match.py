@@ -377,8 +377,8 @@ def read_positions(
             bad |= ~(numbers[role] ** 2 < RHO2_LIMIT)
             bad &= ~is_given
         unusable[f"{name} missing or not usable"] = bad
-    is_unit_given = {"ra", roles["ra"]} & {*(units or ())}
-    doubts = [] if is_unit_given else check_degrees(numbers, {"ra", "dec"} & {*unitless}, names=roles)
+    is_unit_assumed = None if {"ra", roles["ra"]} & {*(units or ())} else bool({"ra", "dec"} & {*unitless})
+    doubts = check_degrees(numbers, is_unit_assumed, names=roles)
     usable, notes = select_usable(unusable, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
     # What a table lacks: errors, for which one is given then, and correlations.
     n = len(numbers["ra"])

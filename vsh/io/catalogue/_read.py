@@ -301,8 +301,9 @@ class _FieldMaker:
         # What marks missing values does so in the table's own units; in Gaia's the field looks for it.
         self.units = self.source.units | {self.column_of.get(name, name): unit for name, unit in (units or {}).items()}
         self.has_other_units = any(self.factors[role] != 1 for role in REQUIRED[2:])
-        self.is_position_unit_assumed = any(self.column_of["ra"] in names for names in assumed_units.values())
-        self.is_position_unit_given = bool({"ra", self.column_of["ra"]} & {*(units or ())})
+        is_given = {"ra", self.column_of["ra"]} & {*(units or ())}
+        is_assumed = any(self.column_of["ra"] in names for names in assumed_units.values())
+        self.is_position_unit_assumed = None if is_given else is_assumed
         #: What stands in place of a motion, where it is a number.
         motion = self.column_of["pmra"]
         is_number = motion.startswith(f"{ASSUMED}pm") and motion == self.column_of["pmdec"]
@@ -358,8 +359,7 @@ class _FieldMaker:
             columns["unusable"] = {f"{self.scalar_name} not finite": ~np.ma.filled(finite, True)}
         if not any(self.column_of[role].startswith(ASSUMED) for role in _MOTIONS):
             aside |= find_zero_motion_rows(*(columns[role] for role in _MOTIONS))
-        if not self.is_position_unit_given:
-            notes += check_degrees(columns, self.is_position_unit_assumed, names=self.column_of)
+        notes += check_degrees(columns, self.is_position_unit_assumed, names=self.column_of)
         if self.frames.positions != self.frame:
             turn_positions(columns, self.frames)
         is_flat = all(values.ndim == 1 for values in raw_columns.values())  # others are refused below
