@@ -203,7 +203,7 @@ def _run(options):
     velocity = reading.velocity_of(options.velocity) or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
     model, failure = _choose_model_options(options), None
     method, value = parsing.method_and_value(options.method) if options.method else (None, None)
-    parts = _bin_parts(sky, options, model, velocity, method, value) if options.bins else []
+    parts = _fit_bin_parts(sky, options, model, velocity, method, value) if options.bins else []
     sky = fit.robust.clip(sky, vsh.Modes(1), float(value or 3.0)).sources(sky) if method == "clip" else sky
     if options.h0 or options.velocity or options.posterior:
         field = _select_known_redshifts(sky, options, source.label)
@@ -277,7 +277,7 @@ def _choose_model_options(options):
     return model
 
 
-def _bin_parts(sky, options, model, velocity, method, value):
+def _fit_bin_parts(sky, options, model, velocity, method, value):
     """Spin and acceleration in bins, and where asked for, or of many sources, with common systematic errors."""
     from fit.redshift import binned
 
