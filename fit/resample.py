@@ -377,7 +377,9 @@ def compare_blocks(
     modes = modes_for(field, modes)
     min_blocks, rows, failure = BLOCKS_PER_COEFFICIENT * len(modes), [], None
     for nside in nsides:
-        blocks = len(as_parts(field, SourcesWithErrors).sum(partial(_get_pixels, nside=nside), roles=(), words="blocks"))
+        blocks = len(
+            as_parts(field, SourcesWithErrors).sum(partial(_get_blocks, nside=nside), roles=(), words="blocks")
+        )
         if blocks < min_blocks:
             failure = DegeneracyError(
                 f"{blocks} blocks of nside {nside} are too few for {len(modes)} coefficients; "
@@ -394,7 +396,7 @@ def compare_blocks(
     return rows, best, _format_advice(rows, best)
 
 
-def _get_pixels(field, nside):
+def _get_blocks(field, nside):
     """Return the pixel numbers of the blocks that contain sources, as keys of a dict."""
     return dict.fromkeys(np.unique(pixels_of(field.lon, field.lat, nside)).tolist())
 
