@@ -37,6 +37,9 @@ from vsh.tools.types import FloatArray, Table
 from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
 from vsh.vector import Vector
 
+#: A velocity of ours above this, ten times that of the Sun, is doubted. [km/s]
+_FASTEST = 3000.0
+
 
 def _make_vector_table(solution, truth, long):
     """Velocity and acceleration by component, with the truth of a simulation, as a table of text."""
@@ -311,8 +314,9 @@ class ParallaxSolution(NamedSolution):
         if quality.warning():
             remark = "; errors below are as quoted, p-values are given for both" if quality.factor > 1 else ""
             facts.append(("warning", f"{quality.warning()}{remark}"))
-        if is_velocity and result.velocity.amplitude > SPEED_OF_LIGHT:
-            facts.append(("warning", "faster than light: are redshifts and motions in the unit that was taken?"))
+        if is_velocity and is_seen(result.velocity) and (speed := result.velocity.amplitude) > _FASTEST:
+            size = "faster than light" if speed > SPEED_OF_LIGHT else f"above {_FASTEST:g} km/s"
+            facts.append(("warning", f"{size}: are redshifts, H0 and motions in the unit that was taken?"))
         facts += _list_velocity_facts(self, quality, long) if is_velocity else _list_hubble_facts(self, quality, truth)
         a = self.acceleration
         if is_seen(a) and (long or is_velocity):

@@ -317,7 +317,8 @@ def to_cmb(redshift: FloatArray, lon: FloatArray, lat: FloatArray, frame: str, r
     r = triad(lon, lat)[2]
     rotation = rotation_matrix("galactic", frame)
     toward = {name: rotation @ REDSHIFT_FRAMES[name].value @ r / SPEED_OF_LIGHT for name in ("cmb", redshift_frame)}
-    return (1 + redshift) * (1 + toward["cmb"]) / (1 + toward[redshift_frame]) - 1
+    at_rest = (1 + redshift) * (1 + toward["cmb"]) / (1 + toward[redshift_frame]) - 1
+    return np.where(redshift == 0, 0.0, at_rest)  # an exact zero marks one that is not known, and is nowhere near
 
 
 #: Below this redshift a source moves with its neighbours, not with the expansion.

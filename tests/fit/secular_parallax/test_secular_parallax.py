@@ -223,3 +223,15 @@ def test_limit_of_a_positive_constant_covers_where_noise_makes_the_estimate_nega
 def test_limits_are_said_where_there_are_some(limits, words):
     """Found by a newcomer: below 0.0 and above 0.0."""
     assert _describe_limits(*limits) == words
+
+
+def test_a_speed_that_nobody_has_is_doubted():
+    """Redshifts in per cent, or H0 as h, gave 60 000 km/s at p = 1e-170 without a word."""
+    fast, slow = (
+        observer_velocity(
+            sim.observe(sim.galaxies(300, 1), sim.secular_parallax((v, 0, 0)), 1, sigma=1.0), 67.3, flows=None
+        )
+        for v in (30_000.0, 400.0)
+    )
+    assert "above 3000 km/s: are redshifts, H0 and motions in the unit" in fast.report()
+    assert "in the unit that was taken" not in slow.report()

@@ -75,6 +75,14 @@ def test_every_reason_is_counted():
         transverse_distance(None)
 
 
+@pytest.mark.parametrize("frame", ["heliocentric", "local-group", "cmb"])
+def test_exact_zeros_stay_unknown_in_every_frame(frame):
+    """Half of them became galaxies at a few Mpc by the motion of the frame alone."""
+    field = random_field(40, seed=1)
+    field = field._derive(redshift=np.where(np.arange(40) < 10, 0.0, 0.02), redshift_frame=frame)
+    assert len(with_redshift(field)) == 30
+
+
 def test_sources_without_redshift_are_left_out_by_name():
     field = random_field(6, seed=1)
     with pytest.raises(FieldError, match="no redshifts"):
