@@ -228,5 +228,5 @@ def test_rows_set_aside_are_no_errors():
     table = sim.observe(sim.quasars(100, 1), sim.spin((1, 2, 3)), rng=1).to_table()
     table["astrometric_params_solved"] = np.where(np.arange(100) < 30, 3, 31)
     table["pmra"][50] = np.nan
-    with pytest.raises(FieldError, match="1 of 100 rows cannot be used"):
+    with pytest.raises(FieldError, match=r"(?<!\d)1 of 100 rows cannot be used"):
         read_field(table)
