@@ -102,7 +102,7 @@ class FloorOfKind(Result):
 
     @property
     def powers(self) -> dict[str, tuple[float, float, float]]:
-        """Power of each mode with the ends of its 68 % interval, by parity. [`unit`²]"""
+        """Power of each mode with the ends of its 68 % interval, by parity. [square of `unit`]"""
         return {name: (getattr(self, name), *getattr(self, f"{name}_interval")) for name in self._powers}
 
     @property
@@ -356,7 +356,7 @@ class ScalarFloor(FloorOfKind):
     Attributes
     ----------
     power : float
-        Power of each mode: the median of its posterior. [`unit`²]
+        Power of each mode: the median of its posterior. [square of `unit`]
     power_interval : tuple of two floats
         68 % interval.
     mean : tuple of a float, or None
@@ -384,7 +384,7 @@ class ScalarFloor(FloorOfKind):
 
     @property
     def bands(self) -> list[tuple[str, int, float, float]]:
-        """The likeliest 68 % of the power of degrees 0 and 1: kind, degree, and both ends. [`unit`²]"""
+        """The likeliest 68 % of the power of degrees 0 and 1: kind, degree, and both ends. [square of `unit`]"""
         powers = [np.outer(part.power_interval, SCALAR_SHAPES[part.shape].power(1)[0]) for part in self._by_shape]
         ends = np.tensordot(self.probability or (1.0,), powers, 1)
         return [("F", l, float(ends[0, l]), float(ends[1, l])) for l in (0, 1)]

@@ -154,7 +154,7 @@ class ClassComparison(Result):
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance of degree 1 of all classes, (f K, f K). [`unit`²]"""
+        """Covariance of degree 1 of all classes, (f K, f K). [square of `unit`]"""
         size = self.values.size
         return pool_draws(self.means, self.covariances).reshape(size, size)
 
