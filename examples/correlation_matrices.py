@@ -39,7 +39,9 @@ plt.savefig("correlation_matrices.png", dpi=300)
 # %%
 # Where it comes from: the change of one correlation if the weight of a pixel were doubled.
 blame = influence_map(igql, "spin+acceleration", ("omega_x", "a_y"), nside=16)
-plot_influence(blame, igql, "IGQL-like: what ties $\\omega_x$ to $\\tilde a_y$", "its change where the sources (dots) weigh twice")
+plot_influence(
+    blame, igql, "IGQL-like: what ties $\\omega_x$ to $\\tilde a_y$", "its change where the sources (dots) weigh twice"
+)
 plt.savefig("influence.png", dpi=300)
 
 # %%
