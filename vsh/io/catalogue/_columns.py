@@ -181,8 +181,13 @@ def check_degrees(columns: Any, assumed: bool | None, names: Mapping[str, str] |
 
     `assumed` is None where the user says the unit.
     """
-    ra, dec = (np.ma.compressed(np.ma.masked_invalid(columns[role])) for role in ("ra", "dec"))
-    if assumed is None or min(ra.size, dec.size) < _ENOUGH_PLACES or ra.max() > 24:
+    if assumed is None:
+        return []
+    ra = np.ma.compressed(np.ma.masked_invalid(columns["ra"]))
+    if ra.size < _ENOUGH_PLACES or ra.max() > 24:  # as of nearly every block
+        return []
+    dec = np.ma.compressed(np.ma.masked_invalid(columns["dec"]))
+    if dec.size < _ENOUGH_PLACES:
         return []
     lon, lat = (printable((names or {}).get(role, role)) for role in ("ra", "dec"))
     with np.errstate(invalid="ignore"):
