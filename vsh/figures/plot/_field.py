@@ -8,7 +8,6 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.patches import Patch
-from scipy.special import chdtrc
 
 from vsh.basis import harmonics, scalar_harmonics
 from vsh.coefficients import Coefficients
@@ -29,7 +28,7 @@ from vsh.sky.pixels import centres
 from vsh.sky.sphere import angles, triad
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, FloatArray
-from vsh.vector import SEEN
+from vsh.vector import SEEN, chance_probability
 
 #: Length of the largest arrow; a little less than the step of the grid. [deg]
 LONGEST = 11.0
@@ -227,7 +226,7 @@ def _compute_chance(values, covariance):
     variances, axes = np.linalg.eigh(covariance)
     varied = variances > 1e-12 * variances[-1]
     chi2 = np.sum((values @ axes)[varied] ** 2 / variances[varied])
-    return float(chdtrc(varied.sum(), chi2))
+    return chance_probability(float(chi2), int(varied.sum()))
 
 
 @apply_style
