@@ -111,7 +111,10 @@ def field_arrays(
 
 
 def _blank_unknown_redshifts(columns, first_row):
-    """Make redshifts missing whose error says that they are not known; a note counts them and names the first."""
+    """Make redshifts missing whose error says that they are not known; a note counts them and names the first.
+
+    Where most are, errors are in another unit.
+    """
     with np.errstate(invalid="ignore"):
         is_unknown = columns["redshift_error"] >= 1 + columns["redshift"]
     if not is_unknown.any():
@@ -122,9 +125,11 @@ def _blank_unknown_redshifts(columns, first_row):
         f"{bad_rows.row_numbers(first_index, first_row)}, {columns['redshift'][first_index]:.4g} ± "
         f"{columns['redshift_error'][first_index]:.4g})"
     )
+    if look_like_velocities := 2 * is_unknown.sum() > np.isfinite(columns["redshift"]).sum():
+        text += f": errors of {VELOCITIES}"
     for column in ("redshift", "redshift_error"):
         columns[column] = np.where(is_unknown, np.nan, columns[column])
-    return (text,)
+    return (CodedNote(text, NO_REDSHIFTS) if look_like_velocities else text,)
 
 
 def _broadcast(value, shape):

@@ -502,11 +502,13 @@ def _format_answer_lines(results):
         name: replace(each, covariance=factor**2 * each.covariance) for name, each in estimates.items() if factor > 1
     }
     if "posterior" in results:
-        lines += _format_posterior_lines(results["posterior"])
+        lines += _format_posterior_lines(results["posterior"], factor)
     elif "hubble" in results:
         lines.append(("H0", _format_hubble(results["hubble"])))
     if "velocity" in results:
         solution = results["velocity"]
+        if doubt := fit.secular_parallax.doubt_speed(solution.velocity):
+            lines.insert(0, ("doubt", doubt))
         text = f"{fit.output.words_of(solution.velocity)}, for H0 = {solution.assumed_hubble:g} km/s/Mpc"
         lines.append(("velocity", text))
     if "shared" in results and len(results["shared"]) > 1:
@@ -519,7 +521,7 @@ def _format_answer_lines(results):
     from fit.secular_parallax import WITH_GROUP
 
     lines += [("assumed", str(note)) for note in notes if has_code(note, WITH_GROUP)]
-    if factor > 1:
+    if factor > 1 and ("velocity" in results or "posterior" not in results):
         lines.append(
             ("scaled", f"errors of velocity and H0 here are {factor:.3g} times those below, as residuals suggest")
         )
@@ -550,8 +552,11 @@ def _compare_with_published(limit):
     return f"{'consistent with' if limit > _PUBLISHED_HUBBLE[0] else 'excludes'} the published 67 to 73"
 
 
-def _format_posterior_hubble(posterior):
-    """H0 by the posterior, with its interval or as a limit; and how it stands to the published values."""
+def _format_posterior_hubble(posterior, factor):
+    """H0 by the posterior, with its interval or as a limit; and how it stands to the published values.
+
+    Where residuals suggest errors `factor` times as large its distance is in those, as it is by least squares.
+    """
     if posterior.hubble_limits is not None:
         above, below = posterior.hubble_limits
         if below == float("inf"):
@@ -560,18 +565,22 @@ def _format_posterior_hubble(posterior):
     h0 = posterior.summary()["H0"]
     error = (h0.median - h0.low68) if h0.median > _PUBLISHED_HUBBLE[1] else (h0.high68 - h0.median)
     median, lower, upper, *_ = posterior.print_summary()["H0"]
-    return f"{median} km/s/Mpc ({lower} to {upper}, 68 %)", _format_deviation(h0.median, error)
+    return f"{median} km/s/Mpc ({lower} to {upper}, 68 %)", _format_deviation(h0.median, factor * error)
 
 
-def _format_posterior_lines(posterior):
+def _format_posterior_lines(posterior, factor):
     """H0 and the speed by the posterior, medians with 68 % intervals, and the priors they rest on."""
     rows, texts = posterior.summary(), posterior.print_summary()
-    lines = [("H0", "{}, posterior; {}".format(*_format_posterior_hubble(posterior)))]
-    if posterior.hubble_limits is not None:
+    lines = [("H0", "{}, posterior; {}".format(*_format_posterior_hubble(posterior, factor)))]
+    if factor > 1:
+        caution = f"residuals suggest errors {factor:.3g} times as large as those of the posterior"
+        lines.append(("caution", caution))
+    v = rows.get("speed")
+    has_speed = v is not None and v.high68 - v.low68 > 0.02 * v.median  # otherwise it is the prior's
+    if posterior.hubble_limits is not None and (has_speed or np.isfinite(posterior.hubble_limits[1])):
         product = [f"{value:.0f}" for value in posterior.product]
         lines.append(("v · H0", f"{product[0]} (km/s)²/Mpc ({product[1]} to {product[2]}, 68 %)"))
-    v = rows.get("speed")
-    if v is not None and v.high68 - v.low68 > 0.02 * v.median:  # otherwise it is the prior's
+    if has_speed:
         median, lower, upper, *_ = texts["speed"]
         lines.append(("speed", f"{median} km/s ({lower} to {upper}, 68 %), posterior"))
     priors = posterior.model.priors.in_words()

@@ -170,7 +170,7 @@ def sample(
         raise ParameterError(f"{n_walkers} walkers are too few for {len(model.names)} coordinates: take twice as many")
     steps = -(-int(n_samples) // n_walkers)
     if steps < 2:
-        raise ParameterError(f"{n_samples} samples are fewer than two steps of {n_walkers} walkers")
+        raise ParameterError(f"{n_samples} samples are too few: ask for at least {2 * n_walkers}")
     seed, begun = int(generator(rng).integers(2**32)), perf_counter()
     about: Any = {"model": model, "frame": equations.frame, "notes": equations.notes, "seed": seed, "method": method}
     if method == "grid":

@@ -92,13 +92,14 @@ class SampleResult(Result):
     def hubble_limits(self) -> tuple[float, float] | None:
         """Limits of H0: one-sided 95 % limits of H0, lower and upper, where its error is too large for a ±; else None.
 
-        The upper one is inf where the samples reach the end of a flat prior that has no limit. [km/s/Mpc]
+        Where the samples reach the end of a flat prior that has no limit the upper one is inf: their scatter, however
+        small, is that of where the sampler ends. [km/s/Mpc]
         """
         samples = self.samples["H0"]
         lower, median, upper = np.percentile(samples, [5, 50, 95]).tolist()
         is_at_end = np.mean(samples > _NEAR_END * HUBBLE_LIMITS[1]) > _AT_END and samples.max() <= HUBBLE_LIMITS[1]
         if is_at_end and not np.isfinite(self._largest_hubble):
-            upper = float("inf")
+            return lower, float("inf")
         return None if np.std(samples) < _WIDE * median else (lower, upper)
 
     @property

@@ -30,7 +30,7 @@ from fit.secular_parallax._estimate import (
     warn_of_undeclared_frame,
 )
 from fit.secular_parallax._model import ASSUMED, LEFT_DISPERSION, DistanceModel, modes_within
-from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution
+from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution, doubt_speed
 
 __all__ = [
     "DistanceModel",

@@ -41,6 +41,14 @@ from vsh.vector import Vector
 _FASTEST = 3000.0
 
 
+def doubt_speed(velocity: Vector) -> str:
+    """Ask for the units where a velocity is seen that is beyond any of ours; else nothing."""
+    if not (is_seen(velocity) and velocity.amplitude > _FASTEST):
+        return ""
+    size = "faster than light" if velocity.amplitude > SPEED_OF_LIGHT else f"above {_FASTEST:g} km/s"
+    return f"{size}: are redshifts, H0 and motions in the unit that was taken?"
+
+
 def _make_vector_table(solution, truth, long):
     """Velocity and acceleration by component, with the truth of a simulation, as a table of text."""
     rows = []
@@ -314,9 +322,8 @@ class ParallaxSolution(NamedSolution):
         if quality.warning():
             remark = "; errors below are as quoted, p-values are given for both" if quality.factor > 1 else ""
             facts.append(("warning", f"{quality.warning()}{remark}"))
-        if is_velocity and is_seen(result.velocity) and (speed := result.velocity.amplitude) > _FASTEST:
-            size = "faster than light" if speed > SPEED_OF_LIGHT else f"above {_FASTEST:g} km/s"
-            facts.append(("warning", f"{size}: are redshifts, H0 and motions in the unit that was taken?"))
+        if is_velocity and (doubt := doubt_speed(result.velocity)):
+            facts.append(("warning", doubt))
         facts += _list_velocity_facts(self, quality, long) if is_velocity else _list_hubble_facts(self, quality, truth)
         a = self.acceleration
         if is_seen(a) and (long or is_velocity):

@@ -280,7 +280,7 @@ def test_posterior_without_limits_says_so():
         ({"peculiar_dispersion": Flat(0)}, ParameterError, "needs an upper limit"),
         ({"outliers": Flat(0, 0.5)}, ParameterError, "no prior is called outliers"),
         ({"n_walkers": 6}, ParameterError, "6 walkers are too few"),
-        ({"n_samples": 100}, ParameterError, "fewer than two steps"),
+        ({"n_samples": 100}, ParameterError, "ask for at least 256"),
         ({"velocity_prior": lambda v: np.full(len(v), -np.inf)}, ParameterError, "zero wherever it was tried"),
         ({"spin": "none"}, ParameterError, "spin is None, 'free' or a Vector"),
         ({"spin": Vector([0, 0, 0], np.diag([1.0, 1, 0]))}, ParameterError, "needs errors in all three"),
@@ -393,6 +393,8 @@ def test_constant_without_an_end_has_no_upper_limit():
     assert endless.hubble_limits[1] == np.inf
     assert 40 < endless.hubble_limits[0] < 60
     assert samples_of(H0=rng.exponential(50, 4000)).hubble_limits[1] < 200
+    cut_off = samples_of(H0=1000 - rng.exponential(30, 4000))
+    assert cut_off.hubble_limits == pytest.approx((910, np.inf), abs=5)
 
 
 def test_limits_that_are_given_are_kept():
