@@ -78,6 +78,7 @@ for column, name in enumerate(("α*", "δ", "ϖ", "$µ_{α*}$", "$µ_δ$")):
     place = edges[:-1] + 0.5 + 0.04 * (column - 2)
     ax.errorbar(place, true, true / np.sqrt(2 * np.maximum(counts, 1)), fmt="os^Dv"[column], label=name)
 ax.axhline(1, color="0.3", linewidth=0.6)
-ax.set(xlabel="G  [mag]", ylabel="true / formal error", ylim=(0, None))
+ax.set(xlabel="G  [mag]", ylabel="true / formal error", yscale="log")
+ax.set_yticks([1, 2, 5, 10], ["1", "2", "5", "10"], minor=False)
 ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=5)
 figure.savefig("joint_errors.png", dpi=300)

@@ -61,5 +61,5 @@ print(
     f"acceleration {acceleration.amplitude:.2f} ± {acceleration.amplitude_error:.2f} µas/yr toward l = {lon:.1f}°, b = {lat:.1f}°"
 )
 
-plot_field(kept, clipped.solution.coefficients, covariance=clipped.solution.covariance, title=Path(sys.argv[1]).name)
+plot_field(kept, clipped.solution.coefficients, covariance=clipped.solution.covariance)
 plt.savefig("real_catalogue.png", dpi=300)

@@ -12,7 +12,7 @@ import numpy as np
 
 from vsh.field import Field
 from vsh.io.parts import Parts
-from vsh.sky.frames import check_frame, rotation_matrix
+from vsh.sky.frames import check_frame, rotation_matrix, title_of
 from vsh.sky.sphere import triad
 from vsh.tools.errors import DegeneracyError, EmptyFieldError, ParameterError
 from vsh.tools.notebook import InNotebook
@@ -143,7 +143,7 @@ class Classes(InNotebook):
         if len(distinct) < 2:
             raise DegeneracyError(f"{name} is the same for all sources")
         if len(distinct) <= k:
-            return cls(tuple(f"{name} {_format_in_full(value)}" for value in distinct), numbers == distinct[:, None])
+            return cls(tuple(f"{name} = {_format_in_full(value)}" for value in distinct), numbers == distinct[:, None])
         quantiles = np.unique(np.nanquantile(numbers, np.arange(1, k) / k))
         quantiles = quantiles[quantiles > distinct[0]] if quantiles[-1] > distinct[0] else distinct[1:2]
         spread = np.diff(quantiles, prepend=distinct[0], append=distinct[-1]).max()
@@ -157,7 +157,7 @@ class Classes(InNotebook):
     def by_halves(cls, frame: str) -> Classes:
         """The two halves of the sky beside the equator of a `frame`: "icrs", "galactic", "ecliptic"."""
         check_frame(frame)
-        return cls((f"northern {frame} half", f"southern {frame} half"), frame=frame)
+        return cls((f"northern {title_of(frame)} half", f"southern {title_of(frame)} half"), frame=frame)
 
     @classmethod
     def from_text(cls, text: str) -> Classes:

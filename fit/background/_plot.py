@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, panels
+from vsh.io.quantities import symbol
+from vsh.tools.digits import printed_p_value
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
 _LABELS = {"flat": "flat in Ω", "root": "flat in √Ω", "coefficients": "coefficients flat"}
@@ -66,19 +68,25 @@ def plot_cross(powers: Any, *, ax: Axes | None = None) -> Axes:
 
     Grey are one and two errors.
     """
-    (axes,) = panels(ax, size=(WIDTH, 2.9))
+    (axes,) = panels(ax, size=(WIDTH, 3.2))
     names = list(dict.fromkeys(powers.templates))
+    # Both parts of one template share a colour, so that ten series are five.
+    origins = list(dict.fromkeys(name.rpartition(", ")[0] or name for name in names))
     axes.axhspan(-1, 1, color="0.9", linewidth=0)
     axes.axhspan(-2, 2, color="0.95", linewidth=0, zorder=0)
     for k, name in enumerate(names):
         is_shown = np.array([template == name for template in powers.templates]) & (powers.degrees > 1)
-        x = powers.degrees[is_shown] + 0.6 * ((k + 0.5) / len(names) - 0.5)
+        x = powers.degrees[is_shown] + 0.7 * ((k + 0.5) / len(names) - 0.5)
         deviations = powers.values[is_shown] / powers.errors_with_floor[is_shown]
-        colour, marker = COLOURS[k % len(COLOURS)], "os^D"[k // len(COLOURS) % 4]
-        axes.plot(x, deviations, marker, markersize=3.5, color=colour, label=name)
-    axes.axhline(0, color="0.7", linewidth=0.8)
+        origin, _, part = name.rpartition(", ")
+        colour = COLOURS[origins.index(origin or name) % len(COLOURS)]
+        marker, fill = ("s", "none") if part == "across" else ("o", colour)
+        axes.plot(x, deviations, marker, markersize=3.5, color=colour, markerfacecolor=fill, label=name)
     degrees = np.arange(2, powers.degrees.max() + 1)
-    axes.set(xticks=degrees, xlabel="degree", ylabel="projection on the template / its error")
+    for degree in degrees[1:]:
+        axes.axvline(degree - 0.5, color="0.8", linewidth=0.6, linestyle=":")
+    axes.axhline(0, color="0.7", linewidth=0.8)
+    axes.set(xticks=degrees, xlabel="degree $\\ell$", ylabel="projection on the template / its error")
     legend_above(axes, 2, fontsize=6.5, columnspacing=0.8, handletextpad=0.3)
     return axes
 
@@ -97,7 +105,7 @@ def plot_shared(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
     subplots = panels(ax, 1, 2, size=(WIDTH, 1.3 + 0.36 * len(labels)))
     names = {"spin": "rotation", "acceleration": "glide"} if classes.unit == "µas" else {}
     positions, wrapped = np.arange(len(labels)), [_wrap_label(label) for label in labels]
-    for axes, (attribute, _) in zip(subplots, classes.parameters.values(), strict=True):
+    for axes, (kind, (attribute, _)) in zip(subplots, classes.parameters.items(), strict=True):
         series = {"": [solution.mean for solution in solutions]} if attribute == "mean" else {}
         vectors = [] if series else [getattr(solution, attribute) for solution in solutions]
         for k, axis in enumerate("xyz" if vectors else ""):
@@ -109,7 +117,12 @@ def plot_shared(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
             )
         axes.axvline(0, color="0.7", linewidth=0.8)
         axes.set_yticks(positions, wrapped if axes is subplots[0] else [""] * len(labels))
-        axes.set(ylim=(len(labels) - 0.5, -0.5), xlabel=f"{names.get(attribute, attribute)}\n[{classes.unit}]")
+        vector_symbol = symbol(f"{attribute}_x").replace("_x", "") if vectors and not names else ""
+        label = f"{names.get(attribute, attribute)} {vector_symbol}\n[{classes.unit}]"
+        if len(classes) > 1:
+            axes.axhline(len(classes) - 0.5, color="0.7", linewidth=0.8, linestyle=":")  # below it are all together
+            label += f"\nalike: p = {printed_p_value(classes.equality(kind))}"
+        axes.set(ylim=(len(labels) - 0.5, -0.5), xlabel=label)
         axes.xaxis.set_major_locator(MaxNLocator(4, min_n_ticks=3))
     legend_above(subplots[-1], 3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     return subplots

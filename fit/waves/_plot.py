@@ -6,18 +6,16 @@ from typing import Any
 
 import numpy as np
 
+from fit.waves._search import format_simulated_p_value
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, draw_points, legend_above, panels, plot_map, set_log_ticks
-from vsh.tools.digits import printed_p_value
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
 
 @apply_style
 def plot_search(search: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """2F and the limit of every direction that a wave may travel to."""
-    heading = (
-        f"largest 2F = {search.statistic.max():.1f}; p = {printed_p_value(search.p_value)} with all directions "
-        "looked at"
-    )
+    p_text = format_simulated_p_value(search.p_value, search.n_skies)
+    heading = f"largest 2F = {search.statistic.max():.1f}; p-value {p_text} with all directions looked at"
     subplots = panels(ax, 2, 1, size=(WIDTH, 5.2))
     for panel, map_values, label, cmap, title in (
         (0, search.statistic, "2F of a wave that travels there", "viridis", heading),
@@ -47,7 +45,10 @@ def plot_spectrum(spectrum: Any, *, ax: Axes | None = None) -> Axes:
     if is_dense:
         axes.fill_between(frequencies, limits[:, 0], limits[:, 2], color=COLOURS[0], alpha=0.25, lw=0, label=label)
     else:
-        axes.vlines(frequencies, limits[:, 0], limits[:, 2], color=COLOURS[0], label=label)
+        ends = np.abs(limits[:, [0, 2]] - limits[:, [1]]).T
+        axes.errorbar(frequencies, limits[:, 1], ends, fmt="none", color=COLOURS[0], capsize=3, label=label)
+        axes.set(xticks=frequencies)
+        axes.margins(x=0.5)
     style = "o" if not is_dense else "o-" if len(frequencies) < 60 else "-"
     axes.plot(frequencies, limits[:, 1], style, ms=3, color=COLOURS[0], label="median direction")
     axes.set(yscale="log", xlabel="frequency  [1/yr]", ylabel="95 % limit on the strain  [10⁻⁹]")

@@ -137,7 +137,7 @@ def test_subsets_need_sources(table):
     found = run_gaia(few, max_lmax=3, n_replicates=10, progress=False)
     said = {row.name: row.said for row in found.subsets if row.solution is None}
     assert said["six parameters"] == "0 sources, fewer than 100"
-    halves = sum(chosen[name].sum() for name in ("northern icrs half", "southern icrs half"))
+    halves = sum(chosen[name].sum() for name in ("northern ICRS half", "southern ICRS half"))
     assert halves == 400
 
 

@@ -55,7 +55,7 @@ def test_conditions_select_what_masks_do(field, tmp_path):
 def test_parts_have_as_many_sources_each():
     values = np.arange(1000.0)
     assert max(counts(Classes.by_parts("z", values, 4))) - min(counts(Classes.by_parts("z", values, 4))) <= 1
-    assert Classes.by_parts("periods", np.array([1.0, 2, 2]), 4).labels == ("periods 1", "periods 2")
+    assert Classes.by_parts("periods", np.array([1.0, 2, 2]), 4).labels == ("periods = 1", "periods = 2")
     with pytest.raises(DegeneracyError, match="z is the same for all sources"):
         Classes.by_parts("z", np.ones(5), 4)
 

@@ -40,8 +40,10 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
     for selection, tint, marker, label in ((~outlier, COLOURS[0], "o", "source"), (outlier, "0.2", "x", "outlier")):
         axes.scatter(solution.distances[selection], influence[selection], color=tint, marker=marker, s=14, label=label)
     axes.legend(fontsize="x-small", loc="best")
-    # Those of most influence may stand side by side: each name has a corner of its own.
-    for i, (offset, side) in zip(np.argsort(-influence), (((8, 8), "left"), ((-8, 8), "right"), ((8, -12), "left"))):
+    # Those of most influence may stand side by side: the leftmost has its name at the left, the others step down.
+    named = np.argsort(-influence)[:3]
+    corners = (((-6, 3), "right"), ((6, 6), "left"), ((6, -8), "left"))
+    for i, (offset, side) in zip(named[np.argsort(solution.distances[named])], corners, strict=False):
         axes.annotate(
             solution.sources[i], (solution.distances[i], influence[i]), textcoords="offset points", xytext=offset,
             ha=side, fontsize="x-small", arrowprops={"arrowstyle": "-", "color": "0.6", "linewidth": 0.4},

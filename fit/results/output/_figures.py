@@ -100,8 +100,11 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     axes.set_yscale("log", nonpositive="clip")
     positive_levels = np.array(levels)[np.isfinite(levels) & (np.array(levels) > 0)]
     reach = (positive_levels.min() / 2, positive_levels.max() * 2) if positive_levels.size else (0.5, 2.0)
+    has_floor = solution.floor is not None and solution.includes_floor
+    if has_floor and (tops := [band[-1] for band in solution.floor.bands if band[1] and band[-1] > reach[0] / 30]):
+        reach = (min(reach[0], min(tops) / 3), reach[1])  # so that floors are seen, unless they are next to nothing
     axes.set_ylim(reach)
-    if solution.floor is not None and solution.includes_floor:
+    if has_floor:
         _draw_floor(axes, solution.floor, handles)
     set_log_ticks(axes.yaxis, *reach)
     if solution.modes.lmax <= 12:

@@ -213,6 +213,9 @@ def test_cross_powers_are_the_amplitude_by_degree():
     assert "l = 2" in listed
     assert "l = 1" not in listed
     assert "across" not in listed
+    first, second = powers.plot().get_legend().legend_handles  # both parts of a template: one colour, filled and not
+    assert first.get_color() == second.get_color() == first.get_markerfacecolor()
+    assert second.get_markerfacecolor() == "none"
 
 
 def test_maps_of_a_mission_are_templates():

@@ -105,8 +105,8 @@ def draw_vectors(
 
 def draw_key(axes: SkyAxes, largest: float, unit: str, longest: float = LONGEST) -> None:
     """An arrow of a round length beside the map, where one of the size `largest` is drawn `longest` [deg]."""
-    power_of_ten = 10 ** np.floor(np.log10(largest))
-    length = float(max(k * power_of_ten for k in (1, 2, 5) if k == 1 or k * power_of_ten <= largest))
+    power_of_ten = 10 ** np.floor(np.log10(1.5 * largest))
+    length = float(min(k * power_of_ten for k in (1, 2, 5, 10) if k * power_of_ten >= 1.5 * largest))
     arrow_share = np.radians(longest) / (2 * PROJECTIONS[axes.projection_name][1]) * length / largest
     arrow = {"arrowstyle": "-|>,head_width=0.12,head_length=0.25", "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
     ends = (arrow_share, 0.055), (0.0, 0.055)
@@ -194,7 +194,7 @@ def _place_half_sky_rings(step):
 
 
 #: Chance of an arrow of noise to be coloured; its distance from zero is that of two components, √(vᵀC⁻¹v). An arrow is
-#: grey below that distance, and as dark as any from the second on.
+#: grey below that distance, and none is as dark as can be below the second.
 CHANCE = 0.05
 SURE, TOP = float(np.sqrt(-2 * np.log(CHANCE))), 6.0
 
@@ -288,8 +288,9 @@ def plot_field(
         colour = _NOISE
     elif is_covariance_known:
         basis = harmonics(lon, lat, modes)
-        significance = compute_significance(motion, basis, np.asarray(covariance))
-        colour = _make_significance_colours()(np.clip(np.nan_to_num(significance), 0, TOP) / TOP)
+        significance = np.nan_to_num(compute_significance(motion, basis, np.asarray(covariance)))
+        top = _choose_top(significance)
+        colour = _make_significance_colours(top)(np.clip(significance, 0, top) / top)
     draw_vectors(axes, lon, lat, motion, color=colour)
     largest = float(np.hypot(*motion).max())
     if largest > 0:
@@ -304,10 +305,10 @@ def plot_field(
     if handles:
         placement: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.02), "borderaxespad": 0, "ncols": 2}
         axes.legend(handles=handles, title=legend_title, fontsize=6.5, title_fontsize=6.5, **placement)
-    if covariance is not None and not is_noise:
-        scale = ScalarMappable(Normalize(0, TOP), _make_significance_colours())
+    if is_covariance_known and not is_noise:
+        scale = ScalarMappable(Normalize(0, top), _make_significance_colours(top))
         bar = colour_bar(axes, scale, r"$\sqrt{v^T C^{-1} v}$ of an arrow (grey: $p > 0.05$)", extend="max", shrink=0.6)
-        bar.set_ticks(range(0, int(TOP) + 1))
+        bar.set_ticks(np.linspace(0, top, 6 if top > TOP else 7))
     title_start = "T" if field is None else f"{len(field)} sources and t"
     axes.set_title(title or f"{title_start}he field fitted to degree {modes.lmax}")
     return axes
@@ -355,10 +356,17 @@ def plot_sources(field: Field, *, n_arrows: int = 300, ax: Axes | None = None) -
 _NOISE = "0.45"
 
 
-def _make_significance_colours():
+def _choose_top(significance):
+    """Where the scale of colours ends: so that one arrow of twenty lies beyond it, and not below `TOP`."""
+    reach = max(TOP, float(np.percentile(significance, 95)))
+    power_of_ten = 10 ** np.floor(np.log10(reach))
+    return TOP if reach == TOP else float(min(k * power_of_ten for k in (1, 2, 5, 10) if k * power_of_ten >= reach))
+
+
+def _make_significance_colours(top):
     steps = np.linspace(0, 1, 256)
     colours = mpl.colormaps[SIGNIFICANCE](steps)
-    colours[steps < SURE / TOP] = mpl.colors.to_rgba(FADED)
+    colours[steps < SURE / top] = mpl.colors.to_rgba(FADED)
     return ListedColormap(colours)
 
 

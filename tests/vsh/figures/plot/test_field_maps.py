@@ -45,6 +45,18 @@ def test_arrows_are_as_dark_as_they_are_sure():
         plot_field(field, solution.coefficients, covariance=np.eye(3))
 
 
+@pytest.mark.parametrize(("size", "top"), [(20.0, 6.0), (400.0, 100.0)])
+def test_colours_reach_as_far_as_the_arrows(size, top):
+    """All arrows of a sure field were of the one colour beyond six errors."""
+    coefficients = Coefficients.from_vectors(glide=(0, 0, size))
+    axes = plot_field(None, coefficients, covariance=np.diag(np.full(6, 100.0)))
+    (bar,) = [child for child in axes.figure.axes if child is not axes]
+    assert max(bar.get_xlim()) == top
+    motion, basis = coefficients.at(*arrow_grid(axes)), harmonics(*arrow_grid(axes), Modes(1))
+    beyond = np.mean(compute_significance(motion, basis, np.diag(np.full(6, 100.0))) > top)
+    assert beyond <= 0.05
+
+
 def test_few_draws_give_a_covariance_that_is_singular():
     """As of a bootstrap of ten draws: noise stays grey, and a motion of five errors does not."""
     field = random_field(2000, seed=1)
