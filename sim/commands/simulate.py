@@ -24,7 +24,7 @@ KINDS = ("quasars", "galaxies", "vlbi", "crf3", "crf4", "epochs", "link")
 #: Kinds that take an option, of those that not all take.
 _TAKERS = {
     "velocity": ("galaxies",), "flow": ("galaxies",), "orientation": ("vlbi", "link"), "wave": ("epochs",),
-    "traps": ("crf3", "crf4"), **dict.fromkeys(("redshifts", "positions", "columns"), ("quasars", "galaxies")),
+    "traps": ("crf3", "crf4"), **dict.fromkeys(("redshifts", "positions", "columns", "units"), ("quasars", "galaxies")),
     **dict.fromkeys(("sky", "errors", "release"), ("quasars", "galaxies", "vlbi", "epochs")),
     **dict.fromkeys(("spin", "acceleration"), tuple(kind for kind in KINDS if kind != "vlbi")),
 }  # fmt: skip
@@ -70,12 +70,7 @@ def make_parser() -> argparse.ArgumentParser:
         "quasars, galaxies: table to use instead of drawn ones | of positions, redshifts and magnitudes, which are "
         "drawn where it has none",
     )
-    add(
-        "--columns ROLE=NAME,…",
-        "names of the columns of --positions: redshift=zsp",
-        parsing.columns,
-        action=parsing.JoinValues,
-    )
+    reading.add_columns(parser, "the table of --positions")
     add(
         "--sky NAME|MAP",
         f"distribution of the sources: {', '.join(parsing.SKIES)} or a map | uniform unless given; a "
@@ -154,8 +149,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself; a number that nobody gave is set."""
     if options.positions and (options.number is not None or options.sky):
         parser.error("--positions takes the sources of a table: --number and --sky draw others")
-    if options.sigma or (options.columns and not options.positions):
-        parser.error("--columns names those of the table of --positions, whose errors are simulated")
+    if options.sigma or ((options.columns or options.units) and not options.positions):
+        parser.error("--columns and --units are of the table of --positions, whose errors are simulated")
     foreign = [name for name in _list_foreign(options.kind) if getattr(options, name) != parser.get_default(name)]
     if foreign:
         takers = " and ".join(_TAKERS[foreign[0]])
@@ -322,7 +317,7 @@ def _read_population(options, rng):
     """The sources of a user's own table, and what is to be said of them."""
     from vsh.tools.notes import ASSUMED_MOTIONS, UNUSED_CORRELATIONS, has_code
 
-    facts = {"frame": options.catalogue_frame, "format": options.input_format}
+    facts = {"units": options.units, "frame": options.catalogue_frame, "format": options.input_format}
     sources = vsh.io.catalogue.read_sources(options.positions, options.columns, on_bad="drop", sigma=1.0, **facts)
     sources = sources.to_frame("icrs")
     motion_codes = (ASSUMED_MOTIONS, UNUSED_CORRELATIONS)  # which are made here

@@ -141,6 +141,11 @@ def test_positions_of_ones_own(tmp_path, capsys):
     table.write(tmp_path / "bare.ecsv")
     assert main(["galaxies", "--positions", str(tmp_path / "bare.ecsv"), "--output", str(out), "--overwrite"]) == 1
     assert "has no redshifts" in capsys.readouterr().err
+    table["other"] *= 100  # a column and its unit are named as in every command
+    table.write(tmp_path / "bare.ecsv", overwrite=True)
+    options = ["--columns", "redshift=other", "--units", "other=percent", "--overwrite"]
+    assert main(["galaxies", "--positions", str(tmp_path / "bare.ecsv"), *options, "--output", str(out)]) == 0
+    np.testing.assert_allclose(Table.read(out)["redshift"], table["other"][3:] / 100)
     for extra in (["--number", "5"], ["--sky", "uniform"]):
         with pytest.raises(SystemExit):
             main([*words, *extra, "--output", str(out)])

@@ -385,8 +385,8 @@ def _find_factor_of_role(role, name, unit, target, from_user):
         if astropy_unit == u.dimensionless_unscaled or astropy_unit == u.mag or isinstance(astropy_unit, u.MagUnit):
             return 1.0
     elif role in ("redshift", "redshift_error"):
-        if astropy_unit == u.dimensionless_unscaled:
-            return 1.0
+        if astropy_unit == u.dimensionless_unscaled or (from_user and astropy_unit == u.percent):
+            return float(astropy_unit.to(u.dimensionless_unscaled))
         if from_user and astropy_unit.is_equivalent(u.km / u.s):  # asked for: c z
             return float(astropy_unit.to(u.km / u.s)) / SPEED_OF_LIGHT
         raise TableError(

@@ -104,6 +104,8 @@ def test_nonlinear_units_are_requested():
     with pytest.raises(TableError, match=r"if it is c z, say so, --units cz=km/s"):
         read_field(made, {"redshift": "cz"})
     assert read_field(made, {"redshift": "cz"}, {"cz": "km/s"}).redshift[0] == pytest.approx(0.01)
+    made["percent"] = np.full(N, 1.0)
+    assert read_field(made, {"redshift": "percent"}, {"percent": "percent"}).redshift[0] == pytest.approx(0.01)
     moduli = {"distance": "mu", "distance_error": "e_mu"}
     field = read_field(made, moduli, {"mu": "mag", "e_mu": "mag"})
     np.testing.assert_allclose(field.distance, 10.0)
