@@ -64,7 +64,7 @@ BREAKS = [
     ("fit/background/_likelihood.py", "return (gain - logdet) / 2", "return gain / 2 - logdet", "test_background_likelihood.py"),
     ("fit/in_time/_solution.py", '- self._cache["line"] @', '- 0 * self._cache["line"] @', "test_in_time.py"),
     ("sim/agis/_response.py", "remainder -= share * view", "remainder += share * view", "test_response.py"),
-    ("vsh/io/epochs/_observations.py", "code == preceding, 1, -1)", "code == preceding, -1, 1)", "test_epochs.py"),
+    ("vsh/io/epochs/_observations.py", "view_codes == preceding, 1, -1)", "view_codes == preceding, -1, 1)", "test_epochs.py"),
     ("papers/klioner2021/acceleration_paper.py", 'closed="right").within(five)', 'closed="left").within(five)', "test_acceleration_paper.py"),
     ("vsh/models/covariance.py", "4) * p - 2 * (k - 1)", "4) * p - 2 * k", "test_spectrum_of_fields.py"),
     ("vsh/models/covariance.py", "* factor\n", "* factor * 0\n", "test_matrix.py"),
