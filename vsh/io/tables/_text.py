@@ -618,9 +618,7 @@ def _make_vlbi_table(label, rows, sources, is_stated_in_mas, is_mas_in_heading, 
     }
     units = {"ra": "deg", "dec": "deg"}
     notes: tuple[str, ...] = ()
-    has_epoch = [
-        len(words) > 0 and re.fullmatch(r"(19|20)\d\d(\.\d*)?", words[0]) is not None for words in remainders
-    ]
+    has_epoch = [len(words) > 0 and re.fullmatch(r"(19|20)\d\d(\.\d*)?", words[0]) is not None for words in remainders]
     error_words, n_blank = _fill_blank_errors(remainder_texts, remainders)
     file = Path(label).name  # pages and files do not say where a catalogue lies
     errors = None if all(has_epoch) or not any(remainders) else _parse_errors_of_all(label, rows, error_words)
