@@ -46,7 +46,7 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
     >>> acceleration.glide.round(3)
     array([-0.236, -3.756, -2.08 ])
     """
-    matrix = rotation_matrix(frame, to) if isinstance(to, str) else _check_matrix(to)
+    matrix = rotation_matrix(frame, to) if isinstance(to, str) else _check_rotation_matrix(to)
     from scipy.spatial.transform import Rotation  # imported here: it takes a tenth of the time of a small job
 
     rotation_vector = Rotation.from_matrix(np.array(matrix)).as_rotvec()
@@ -97,7 +97,7 @@ def degree_matrix(l: int, vector: FloatArray) -> FloatArray:
     return matrix
 
 
-def _check_matrix(matrix):
+def _check_rotation_matrix(matrix):
     try:
         matrix = np.asarray(matrix, float)
     except (TypeError, ValueError):

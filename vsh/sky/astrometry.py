@@ -269,9 +269,9 @@ class AstrometryRows(Frozen):
             "nothing measured that has an error": ~is_measured.any(1),
             "|dec| > 90°": np.abs(self.lat) > np.pi / 2 * (1 + 1e-14),
             "a position with only one coordinate": is_measured[:, 0] != is_measured[:, 1],
-            "a covariance that is not positive definite": ~self._find_positive_definite(is_measured),
+            "a covariance that is not positive definite": ~self._find_definite_covariances(is_measured),
         }
-        _, inverse, count = np.unique(self._find_keys(), axis=0, return_inverse=True, return_counts=True)
+        _, inverse, count = np.unique(self._make_row_keys(), axis=0, return_inverse=True, return_counts=True)
         unusable_rows["the same row twice"] = count[inverse.ravel()] > 1
         messages = [
             f"{reason}: {int(mask.sum())} ({one_line_text(self.name[mask][0])} in {self.catalogue[mask][0]}, "
@@ -285,12 +285,12 @@ class AstrometryRows(Frozen):
                 "Correct them or leave them out"
             )
 
-    def _find_keys(self):
+    def _make_row_keys(self):
         """Return the values that identify each row; rows with equal values are duplicates."""
         catalogue_index = np.unique(self.catalogue, return_inverse=True)[1].ravel()
         return np.nan_to_num(np.column_stack([self.source, catalogue_index, self.epoch, self.values.T]), nan=-1e300)
 
-    def _find_positive_definite(self, is_measured):
+    def _find_definite_covariances(self, is_measured):
         pair_mask = is_measured[:, :, None] & is_measured[:, None, :]
         diagonal = np.eye(5, dtype=bool)
         sigma = np.sqrt(np.where(is_measured, np.diagonal(self.covariance, axis1=1, axis2=2), 1.0))

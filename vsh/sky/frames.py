@@ -81,7 +81,7 @@ def rotation_matrix(frame: str, to: str) -> FloatArray:
     >>> rotation_matrix("galactic", "icrs")[:, 0].round(4)
     array([-0.0549, -0.8734, -0.4838])
     """
-    return _compute_rotation(check_frame(frame), check_frame(to))
+    return _compute_rotation_matrix(check_frame(frame), check_frame(to))
 
 
 #: From ICRS, as astropy has them: its Galactic frame, and the mean ecliptic and equinox of J2000 (IAU 2006).
@@ -97,13 +97,13 @@ _FROM_ICRS = {
 
 
 @lru_cache
-def _compute_rotation(frame, target):
+def _compute_rotation_matrix(frame, target):
     matrix = np.eye(3) if frame == target else _FROM_ICRS[target] @ _FROM_ICRS[frame].T
     matrix.flags.writeable = False
     return matrix
 
 
-def rotate_motions(
+def rotate_astrometry(
     matrix: FloatArray, lon: FloatArray, lat: FloatArray, motion: FloatArray, sigma: FloatArray, rho: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Positions, motions and their errors along other axes."""

@@ -22,7 +22,7 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.archive import DR4
 from vsh.io.columns import missing_column, unit_factor
-from vsh.io.epochs._solve import COLOUR_PRIOR, design_row, solve_epochs
+from vsh.io.epochs._solve import COLOUR_PRIOR, make_design_rows, solve_epochs
 from vsh.tools.arguments import choice
 from vsh.tools.bad_rows import select_usable
 from vsh.tools.errors import EmptyFieldError, TableError
@@ -286,7 +286,7 @@ class Observations(Frozen):
     time : (k,) array
         Since the reference epoch. [yr]
     design : (5, k) array
-        ∂w by Δα*, Δδ, ϖ, µ_α*, µ_δ (`design_row`): its first two rows are the direction of the scan.
+        ∂w by Δα*, Δδ, ϖ, µ_α*, µ_δ (`make_design_rows`): its first two rows are the direction of the scan.
     position, error : (k,) arrays
         w along scan, and its standard error. [µas]
     name : (n,) array
@@ -491,7 +491,7 @@ def read_observations(
         lat,
         source_index,
         time,
-        design_row(flat_columns["scan_pos_angle"] * DEGREE, flat_columns["parallax_factor_al"], time),
+        make_design_rows(flat_columns["scan_pos_angle"] * DEGREE, flat_columns["parallax_factor_al"], time),
         MAS * flat_columns["centroid_pos_al"],
         MAS * flat_columns["centroid_pos_error_al"],
         source_ids,

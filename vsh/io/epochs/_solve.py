@@ -62,7 +62,7 @@ class FiveParameters(Frozen):
         return np.isfinite(self.values[:, 0])
 
 
-def design_row(angle: FloatArray, parallax_factor: FloatArray, time: FloatArray) -> FloatArray:
+def make_design_rows(angle: FloatArray, parallax_factor: FloatArray, time: FloatArray) -> FloatArray:
     """∂w by Δα*, Δδ, ϖ, µ_α*, µ_δ, (5, k)."""
     sin, cos = np.sin(angle), np.cos(angle)
     return np.stack([sin, cos, parallax_factor, time * sin, time * cos])
@@ -91,7 +91,7 @@ def solve_epochs(
     source : (k,) int array
         Source of each observation, from 0, rising.
     design : (5, k) array
-        Columns from `design_row`.
+        Columns from `make_design_rows`.
     position, error : (k,) arrays
         Along scan, and its standard error.
     colour : (k,) array, optional
