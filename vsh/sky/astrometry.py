@@ -57,19 +57,19 @@ def propagate(
     p, q, r = triad(lon, lat)
     # Lengths are in units of the distance at `start`; b is the position of the star at `end`.
     zeta = velocity * parallax * UAS / AU_PER_YEAR
-    moving = (p * motion[0] + q * motion[1]) * UAS
-    b, rate = r * (1 + zeta * t) + moving * t, r * zeta + moving
+    transverse_rate = (p * motion[0] + q * motion[1]) * UAS
+    b, rate = r * (1 + zeta * t) + transverse_rate * t, r * zeta + transverse_rate
     f = 1 / np.linalg.norm(b, axis=0)
     r_end = b * f
     radial_rate = np.sum(r_end * rate, 0)
-    across = f * (rate - r_end * radial_rate)
+    sky_motion = f * (rate - r_end * radial_rate)
     if light_time:
         propagated = _propagate_with_erfa(lon, lat, parallax, motion, velocity, start, end)
     else:
         new_lon, new_lat = angles(r_end)
         p_end, q_end, _ = triad(new_lon, new_lat)
         propagated = np.stack(
-            [new_lon, new_lat, parallax * f, np.sum(p_end * across, 0) / UAS, np.sum(q_end * across, 0) / UAS]
+            [new_lon, new_lat, parallax * f, np.sum(p_end * sky_motion, 0) / UAS, np.sum(q_end * sky_motion, 0) / UAS]
         )
     p_end, q_end, _ = triad(propagated[0], propagated[1])
     jacobian = np.empty((len(lon), 5, 5))
@@ -87,15 +87,15 @@ def propagate(
     for k, (db, drate, dparallax) in enumerate(columns):
         df = -(f**2) * np.sum(r_end * db, 0)
         dr = f * db + b * df
-        dacross = df / f * across + f * (
+        dsky_motion = df / f * sky_motion + f * (
             drate - dr * radial_rate - r_end * (np.sum(dr * rate, 0) + np.sum(r_end * drate, 0))
         )
         east = np.sum(p_end * dr, 0)
-        turn = np.tan(propagated[1]) * east * np.stack([np.sum(q_end * across, 0), -np.sum(p_end * across, 0)])
+        turn = np.tan(propagated[1]) * east * np.stack([np.sum(q_end * sky_motion, 0), -np.sum(p_end * sky_motion, 0)])
         jacobian[:, 0, k], jacobian[:, 1, k] = east, np.sum(q_end * dr, 0)
         jacobian[:, 2, k] = dparallax * f + parallax * UAS * df
-        jacobian[:, 3, k] = np.sum(p_end * dacross, 0) + turn[0]
-        jacobian[:, 4, k] = np.sum(q_end * dacross, 0) + turn[1]
+        jacobian[:, 3, k] = np.sum(p_end * dsky_motion, 0) + turn[0]
+        jacobian[:, 4, k] = np.sum(q_end * dsky_motion, 0) + turn[1]
     return propagated, jacobian
 
 
@@ -271,17 +271,17 @@ class AstrometryRows(Frozen):
             "a position with only one coordinate": is_measured[:, 0] != is_measured[:, 1],
             "a covariance that is not positive definite": ~self._find_definite_covariances(is_measured),
         }
-        _, inverse, count = np.unique(self._make_row_keys(), axis=0, return_inverse=True, return_counts=True)
-        unusable_rows["the same row twice"] = count[inverse.ravel()] > 1
-        messages = [
+        _, key_numbers, n_same = np.unique(self._make_row_keys(), axis=0, return_inverse=True, return_counts=True)
+        unusable_rows["the same row twice"] = n_same[key_numbers.ravel()] > 1
+        complaints = [
             f"{reason}: {int(mask.sum())} ({one_line_text(self.name[mask][0])} in {self.catalogue[mask][0]}, "
             f"row {int(mask.argmax())})"
             for reason, mask in unusable_rows.items()
             if mask.any()
         ]
-        if messages:
+        if complaints:
             raise FieldError(
-                f"some of the {len(self)} rows cannot be used: {'; '.join(messages)}; rows are counted from 0. "
+                f"some of the {len(self)} rows cannot be used: {'; '.join(complaints)}; rows are counted from 0. "
                 "Correct them or leave them out"
             )
 
@@ -334,9 +334,9 @@ class AstrometryRows(Frozen):
     @property
     def source(self) -> IntArray:
         """Number of the source of each row, from 0 by first appearance; case and blanks in names are ignored."""
-        keys = ["".join(name.split()).casefold() for name in self.name.tolist()]
-        numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
-        return np.array([numbers[key] for key in keys])
+        name_keys = ["".join(name.split()).casefold() for name in self.name.tolist()]
+        numbers = {key: number for number, key in enumerate(dict.fromkeys(name_keys))}
+        return np.array([numbers[key] for key in name_keys])
 
     @property
     def values(self) -> FloatArray:

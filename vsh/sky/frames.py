@@ -97,8 +97,8 @@ _FROM_ICRS = {
 
 
 @lru_cache
-def _compute_rotation_matrix(frame, target):
-    matrix = np.eye(3) if frame == target else _FROM_ICRS[target] @ _FROM_ICRS[frame].T
+def _compute_rotation_matrix(frame, target_frame):
+    matrix = np.eye(3) if frame == target_frame else _FROM_ICRS[target_frame] @ _FROM_ICRS[frame].T
     matrix.flags.writeable = False
     return matrix
 
@@ -107,15 +107,15 @@ def rotate_astrometry(
     matrix: FloatArray, lon: FloatArray, lat: FloatArray, motion: FloatArray, sigma: FloatArray, rho: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Positions, motions and their errors along other axes."""
-    p, q, r = triad(lon, lat)
+    old_east, old_north, r = triad(lon, lat)
     new_lon, new_lat = angles(matrix @ r)
     # The old east and north along the new east: cosine and sine of the turn.
     east = triad(new_lon, new_lat)[0]
-    cos, sin = np.sum(east * (matrix @ p), 0), np.sum(east * (matrix @ q), 0)
+    cos, sin = np.sum(east * (matrix @ old_east), 0), np.sum(east * (matrix @ old_north), 0)
     mu, (s1, s2) = motion, sigma
     v1, v2, v12 = s1**2, s2**2, rho * s1 * s2
-    twist = 2 * cos * sin * v12
-    new_sigma = np.sqrt([cos**2 * v1 + sin**2 * v2 + twist, sin**2 * v1 + cos**2 * v2 - twist])
+    cross_term = 2 * cos * sin * v12
+    new_sigma = np.sqrt([cos**2 * v1 + sin**2 * v2 + cross_term, sin**2 * v1 + cos**2 * v2 - cross_term])
     covariance = cos * sin * (v2 - v1) + (cos**2 - sin**2) * v12
     new_motion = np.stack([cos * mu[0] + sin * mu[1], cos * mu[1] - sin * mu[0]])
     return new_lon, new_lat, new_motion, new_sigma, covariance / (new_sigma[0] * new_sigma[1])
@@ -139,11 +139,11 @@ _REDSHIFT_FRAME_PATTERNS = (
 
 def check_redshift_frame(value: Any) -> str:
     """A frame of redshifts by name."""
-    name = str(value).lower().replace("_", "-") if isinstance(value, str) else ""
-    name = {"barycentric": "heliocentric", "helio": "heliocentric"}.get(name, name)
-    if name not in REDSHIFT_FRAME_NAMES:
+    frame_name = str(value).lower().replace("_", "-") if isinstance(value, str) else ""
+    frame_name = {"barycentric": "heliocentric", "helio": "heliocentric"}.get(frame_name, frame_name)
+    if frame_name not in REDSHIFT_FRAME_NAMES:
         raise ParameterError(f"a redshift's frame is {', '.join(REDSHIFT_FRAME_NAMES)}, not {value!r}")
-    return name
+    return frame_name
 
 
 def redshift_frame_in(description: str | None) -> str | None:
