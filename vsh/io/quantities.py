@@ -84,10 +84,10 @@ def latex_table(table: Table, caption: str = "") -> str:
     rows = [list(map(_format_latex_cell, row)) for row in rows]
     first_column, *other_columns = zip(heads, *rows, strict=True)
     transposed = list(first_column), list(map(list, other_columns))
-    if len(heads) <= _PAGE_ROWS and len(_group_columns(*transposed)) < len(_group_columns(heads, rows)):
+    if len(heads) <= _PAGE_ROWS and len(_group_columns_by_page(*transposed)) < len(_group_columns_by_page(heads, rows)):
         heads, rows = transposed
     title = ": ".join(title_part for title_part in (caption, str(table.meta.get("summary", ""))) if title_part)
-    groups = _group_columns(heads, rows)
+    groups = _group_columns_by_page(heads, rows)
     label_stem = re.sub(r"[^a-z0-9]+", "-", (caption or "table").lower()).strip("-")[:40].strip("-")
     tables = []
     for i, column_numbers in enumerate(groups):
@@ -98,7 +98,7 @@ def latex_table(table: Table, caption: str = "") -> str:
     return "\n\n".join(tables)
 
 
-def _group_columns(heads, rows):
+def _group_columns_by_page(heads, rows):
     """Group columns by part of the table: the first in each, and as many others as are not wider than a page."""
     widths = [_measure_column_width([head, *(row[k] for row in rows)]) for k, head in enumerate(heads)]
     column_groups, group_width = [[0]], widths[0]

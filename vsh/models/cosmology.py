@@ -173,7 +173,7 @@ def hubble_value(cosmology: Cosmology) -> float:
     return float(_check_cosmology(cosmology).H0.to_value("km / (s Mpc)"))
 
 
-def parallax_factor(distance: ArrayLike, cosmology: Cosmology | None = None) -> FloatArray:
+def parallax_distance_ratio(distance: ArrayLike, cosmology: Cosmology | None = None) -> FloatArray:
     """Ratio d_M/d_P by which our own motion moves sources more than in flat space, (n,).
 
     Our velocity moves a source by v/d_P with d_P = d_M/√(1 + Ω_k (d_M H0/c)²), its own by v/d_M (Weinberg 1972,

@@ -219,7 +219,7 @@ class LinearTheory(Frozen):
         """P(`k`) between the tabulated wave numbers [h/Mpc]; nothing beyond them. [(Mpc/h)³]"""
         k = np.asarray(k, float)
         inside = (k >= self.k[0]) & (k <= self.k[-1])
-        return np.where(inside, np.exp(self._spline(np.log(np.clip(k, self.k[0], self.k[-1])))), 0.0)
+        return np.where(inside, np.exp(self._log_power_spline(np.log(np.clip(k, self.k[0], self.k[-1])))), 0.0)
 
     @property
     def sigma(self) -> float:
@@ -248,7 +248,7 @@ class LinearTheory(Frozen):
         return matrix.reshape(3 * n, 3 * n)
 
     @cached_property
-    def _spline(self):
+    def _log_power_spline(self):
         return _fit_cubic_spline(np.log(self.k), np.log(self.power))
 
     @cached_property
@@ -471,7 +471,7 @@ class FlowModes(Frozen):
         return np.maximum(total - tangential**2 @ share / 2, 0.0), np.maximum(total - radial**2 @ share, 0.0)
 
     @cached_property
-    def _spline(self):
+    def _function_spline(self):
         return _fit_cubic_spline(np.log(self.radii), np.hstack([self.tangential, self.radial]))
 
     @cached_property
@@ -480,9 +480,9 @@ class FlowModes(Frozen):
 
     def _interpolate_functions(self, distance):
         """Interpolate the functions of distance at sources: two (n, f) arrays; zero beyond the last radius."""
-        return np.split(self._interpolate(self._spline, distance), 2, axis=1)
+        return np.split(self._interpolate_spline(self._function_spline, distance), 2, axis=1)
 
-    def _interpolate(self, spline, distance):
+    def _interpolate_spline(self, spline, distance):
         values = spline(np.log(np.clip(distance, self.radii[0], self.radii[-1])))
         values[distance > self.radii[-1] * (1 + 1e-9)] = 0.0
         return values
@@ -504,7 +504,7 @@ class FlowModes(Frozen):
         (p, 2, n) array
             [km/s, times `turn`]
         """
-        tangential = self._interpolate(self._tangential_spline, np.asarray(distance, float))
+        tangential = self._interpolate_spline(self._tangential_spline, np.asarray(distance, float))
         toroidal = toroidal_harmonics(lon, lat, max(len(self.counts) - 1, 1))
         harmonics = np.empty_like(toroidal)
         for axis in range(2):  # S is (−n, e) of T

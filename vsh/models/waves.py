@@ -70,7 +70,7 @@ def unit_vector(direction: ArrayLike) -> FloatArray:
     return vector / np.linalg.norm(vector)
 
 
-def degree_amplitudes(lmax: int) -> FloatArray:
+def compute_degree_amplitudes(lmax: int) -> FloatArray:
     """c_l = (−1)^l √(π α_l/6), coefficients of a wave of unit rate along z, (lmax,), α_l those of a background."""
     l = np.arange(1, arguments.whole("lmax", lmax) + 1)
     return np.asarray((-1.0) ** l * np.sqrt(np.pi * wave_fractions(lmax) / 6), float)
@@ -101,7 +101,7 @@ def wave_coefficients(direction: ArrayLike, plus: float, cross: float = 0.0, *, 
 
 def wave_templates(directions: FloatArray, lmax: int) -> FloatArray:
     """The coefficients of both polarisations for many directions, (2, p, n)."""
-    modes, amplitude = Modes(lmax), degree_amplitudes(lmax)
+    modes, amplitude = Modes(lmax), compute_degree_amplitudes(lmax)
     lon, lat = angles(directions)
     tilts, tilt_index = np.unique(np.pi / 2 - lat, return_inverse=True)
     templates = np.zeros((2, len(modes), directions.shape[1]))

@@ -34,7 +34,7 @@ MEASURED_KEY = "MEASURED"
 ANGLES = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}
 
 
-def title_of(frame: str) -> str:
+def format_frame_name(frame: str) -> str:
     """Name of a frame as it is written in figures and papers."""
     return frame.upper() if frame == "icrs" else frame
 
@@ -146,7 +146,7 @@ def check_redshift_frame(value: Any) -> str:
     return frame_name
 
 
-def redshift_frame_in(description: str | None) -> str | None:
+def parse_redshift_frame(description: str | None) -> str | None:
     """The frame of redshifts that a column's description tells, if it does."""
     frames = {name for pattern, name in _REDSHIFT_FRAME_PATTERNS if pattern.search(description or "")}
     return frames.pop() if len(frames) == 1 else None

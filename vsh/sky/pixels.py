@@ -70,7 +70,7 @@ def centres(nside: int, *, any_size: bool = False) -> tuple[FloatArray, FloatArr
 
 
 @arguments.accepts(density=arguments.array_with_dimensions(1), n=arguments.whole, rng=arguments.seed)
-def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, FloatArray]:
+def draw_map_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, FloatArray]:
     """n positions drawn with the density of a HEALPix map, evenly within each pixel."""
     rng = generator(rng)
     density = np.ma.filled(np.ma.asarray(density, float), 0.0).ravel()

@@ -105,7 +105,7 @@ def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
         call_signature = signature(function)
 
         @wraps(function)
-        def checked(*arguments, **options):
+        def call_checked(*arguments, **options):
             try:
                 bound_arguments = call_signature.bind(*arguments, **options)
             except TypeError:
@@ -120,7 +120,7 @@ def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
                     bound_arguments.arguments[name] = check(name, value)
             return function(*bound_arguments.args, **bound_arguments.kwargs)
 
-        return checked
+        return call_checked
 
     return decorate
 
@@ -135,14 +135,14 @@ def a(*classes: type) -> Check:
     vsh.tools.errors.ParameterError: n must be int, not str
     """
 
-    def check(name, value):
+    def check_class(name, value):
         if not isinstance(value, classes):
             class_names = " or ".join(cls.__name__ for cls in classes)
             remark = getattr(type(value), "not_taken", "")
             raise ParameterError(f"{name} must be {class_names}, not {type(value).__name__}{remark}")
         return value
 
-    return check
+    return check_class
 
 
 def seed(name: str, value: Any) -> Any:
@@ -239,7 +239,7 @@ def read_only(array: ArrayLike) -> FloatArray:
 def array_with_dimensions(size: int) -> Callable[[str, Any], FloatArray]:
     """A check for a float array of so many dimensions."""
 
-    def check(name, value):
+    def check_dimensions(name, value):
         array = float_array(name, value, finite=False)
         if array.ndim != size:
             raise ParameterError(
@@ -247,4 +247,4 @@ def array_with_dimensions(size: int) -> Callable[[str, Any], FloatArray]:
             )
         return array
 
-    return check
+    return check_dimensions

@@ -165,7 +165,7 @@ class _LeastSquares:
         terms = weights * self.compute_residuals(weights, excess_variance, is_solvable) ** 2 * inverse_variance
         return self.sum_per_source(terms), -self.sum_per_source(terms * inverse_variance)
 
-    def select(self, is_selected):
+    def select_sources(self, is_selected):
         """Select some of the sources, numbered anew, and find which observations are theirs."""
         is_theirs = is_selected[self.source]
         number = np.cumsum(is_selected) - 1
@@ -180,24 +180,24 @@ def _find_weights_and_variances(sources, is_solvable):
     is_noisy = is_solvable & (squares > sources.counts - sources.n_terms)  # the others are as their errors say
     if not is_noisy.any():
         return all_weights, all_variances
-    subset, is_theirs = sources.select(is_noisy)
-    is_any = np.ones(subset.n_sources, bool)
+    subset, is_theirs = sources.select_sources(is_noisy)
+    all_solvable = np.ones(subset.n_sources, bool)
     excess = _estimate_initial_excess(subset) ** 2
     weights = downweighting_factor(subset.position / np.sqrt(subset.variance + excess[subset.source]))
     is_unsettled = np.ones(subset.n_sources, bool)
     for _ in range(_ROUNDS):
-        squares, slopes = subset.sum_squares_and_slopes(weights, excess, is_any)
+        squares, slopes = subset.sum_squares_and_slopes(weights, excess, all_solvable)
         next_excess = np.maximum(excess - squares / slopes * (squares / _count_dof(subset, weights) - 1), 0.0)
         step = np.abs(next_excess - excess)
         excess = np.where(is_unsettled, next_excess, excess)
         next_weights = downweighting_factor(
-            subset.compute_residuals(weights, excess, is_any) / np.sqrt(subset.variance + excess[subset.source])
+            subset.compute_residuals(weights, excess, all_solvable) / np.sqrt(subset.variance + excess[subset.source])
         )
         weights = np.where(is_unsettled[subset.source], next_weights, weights)
         is_unsettled = is_unsettled & (step > _TOLERANCE * excess)
         if not is_unsettled.any():
             break
-    all_weights[is_theirs], all_variances[is_noisy] = weights, _find_excess_variance(subset, weights, is_any)
+    all_weights[is_theirs], all_variances[is_noisy] = weights, _find_excess_variance(subset, weights, all_solvable)
     return all_weights, all_variances
 
 

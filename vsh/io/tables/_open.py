@@ -415,7 +415,7 @@ def files_of(path: PathName, format: str | None = None) -> list[Any]:
 
 def _find_format_and_files(path, label, format=None):
     """Find the format and the files of a folder."""
-    path = _find_main_folder(path, label)
+    path = _find_main_catalogue(path, label)
     if _is_hats_catalogue(path):  # beside its partitions lie a thumbnail of them, and maps of the sky
         files = [
             partition for partition in sorted((path / "dataset").glob("Norder=*/**/*.parquet")) if partition.is_file()
@@ -489,7 +489,7 @@ def _read_hats_property(path, key):
     return {name.strip(): value.strip() for name, _, value in pairs}.get(key, "")
 
 
-def _find_main_folder(path, label):
+def _find_main_catalogue(path, label):
     """Find the main catalogue of a HATS collection, whose margin cache repeats sources; else the folder itself."""
     properties_path = path / "collection.properties"
     if not properties_path.is_file():
@@ -517,7 +517,7 @@ def read_table(path: PathName) -> Table:
     if not source.names:
         raise TableError(f"{source.label} has no columns")
     if source.meta.get("__special__"):  # columns of more than one number a row: astropy's own ECSV
-        return _read_ecsv(path, source.label)
+        return _read_ecsv_table(path, source.label)
     return source.to_table()
 
 
@@ -528,7 +528,7 @@ def as_table(source: Any) -> Table:
     return source if isinstance(source, Table) else read_table(source)
 
 
-def _read_ecsv(path, label):
+def _read_ecsv_table(path, label):
     from astropy.table import Table
 
     _check_longest_line(path, label)
