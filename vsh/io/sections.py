@@ -67,19 +67,19 @@ def format_table(
             continue
         unit, values = table[name].unit, table[name].tolist()
         if name in errors:
-            cells = [format_with_error(*item) for item in zip(values, table[errors[name]].tolist(), strict=True)]
+            cells = [format_with_error(*pair) for pair in zip(values, table[errors[name]].tolist(), strict=True)]
         elif number_format := (forms or {}).get(name):
-            cells = [format(item, number_format) for item in values]
+            cells = [format(value, number_format) for value in values]
         elif name.startswith("p_value"):
             cells = list(map(printed_p_value, values))
         elif name == "unit":
             cells = list(map(format_unit, values))
         elif name.startswith("correlation_"):
-            cells = [f"{item:+.3f}" for item in values]
+            cells = [f"{value:+.3f}" for value in values]
         elif (name.startswith(_PREFIXES_OF_NUMBERS) and "sigma" in table.colnames) or name == "sigma":
-            cells = [format_to_error_digits(*item) for item in zip(values, table["sigma"].tolist(), strict=True)]
+            cells = [format_to_error_digits(*pair) for pair in zip(values, table["sigma"].tolist(), strict=True)]
         else:
-            cells = [format_cell(item, digits) for item in values]
+            cells = [format_cell(value, digits) for value in values]
         words = f"r({name.removeprefix('correlation_')})" if name.startswith("correlation_") else name.replace("_", " ")
         head = words if write_name is None else write_name(name)
         heads.append(f"{head} [{format_unit(unit)}]" if unit else head)

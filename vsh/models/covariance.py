@@ -272,8 +272,8 @@ class SpectrumOfKind(InNotebook):
         """Variance of each of `modes`, (p,): P_l/(2l + 1), half where a mode stands for ±m. [(µas/yr)²]"""
         modes = as_modes(modes, self.mode_class)
         l, n_kinds = modes.degrees, len(modes.kinds)
-        rows = np.repeat(np.arange(n_kinds), len(modes) // n_kinds)
-        return self.power(modes.lmax)[rows, l - modes.lowest] / (2 * l + 1) / modes.norm2
+        kind_rows = np.repeat(np.arange(n_kinds), len(modes) // n_kinds)
+        return self.power(modes.lmax)[kind_rows, l - modes.lowest] / (2 * l + 1) / modes.norm2
 
     def __add__(self, other: Any) -> Self:
         if type(other) is not type(self):
@@ -484,9 +484,9 @@ class Covariance(Frozen):
 
     def __getitem__(self, keep: Any) -> Covariance:
         """The covariance of the sources picked by a mask, a slice or indices."""
-        rows = np.arange(len(self))[keep]
-        rows = np.concatenate([rows, rows + len(self)])
-        return Covariance(self.matrix[np.ix_(rows, rows)])
+        matrix_rows = np.arange(len(self))[keep]
+        matrix_rows = np.concatenate([matrix_rows, matrix_rows + len(self)])
+        return Covariance(self.matrix[np.ix_(matrix_rows, matrix_rows)])
 
     def __add__(self, other: Any) -> Covariance:
         if not isinstance(other, Covariance):
@@ -528,8 +528,8 @@ class Covariance(Frozen):
             If the matrix is not positive definite.
         """
         rows = np.asarray(rows, float)
-        flat = rows.reshape(-1, 2 * len(self))
-        return solve_triangular(self.factor, flat.T, lower=True, check_finite=False).T.reshape(rows.shape)
+        flat_rows = rows.reshape(-1, 2 * len(self))
+        return solve_triangular(self.factor, flat_rows.T, lower=True, check_finite=False).T.reshape(rows.shape)
 
 
 def as_covariance(value: Any, field: Any) -> Covariance:
@@ -654,9 +654,9 @@ def from_spectrum(field: Field, spectrum: Spectrum, lmax: int) -> Covariance:
     """
     check_covariance_size(len(field))
     modes = as_modes(lmax)
-    rows = harmonics(field.lon, field.lat, modes).reshape(len(modes), -1)
-    rows *= np.sqrt(spectrum.variances(modes))[:, None]
-    return Covariance(rows.T @ rows)
+    mode_rows = harmonics(field.lon, field.lat, modes).reshape(len(modes), -1)
+    mode_rows *= np.sqrt(spectrum.variances(modes))[:, None]
+    return Covariance(mode_rows.T @ mode_rows)
 
 
 @arguments.accepts(n_sources=arguments.whole)
@@ -671,11 +671,11 @@ def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Cova
             raise ParameterError(f"block {number} is no pair of sources and systematic errors")
         sources, block_covariance = block
         try:
-            rows = np.arange(n_sources)[np.asarray(sources)]
+            source_rows = np.arange(n_sources)[np.asarray(sources)]
         except (IndexError, TypeError):
             raise ParameterError(f"block {number} names sources that are not among the {n_sources}") from None
-        k = len(rows)
-        if len(set(rows.tolist())) < k:
+        k = len(source_rows)
+        if len(set(source_rows.tolist())) < k:
             raise ParameterError(f"block {number} names a source twice")
         block_matrix = float_array(f"the covariance of block {number}", block_covariance)
         if not block_matrix.ndim:
@@ -684,7 +684,7 @@ def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Cova
             raise ParameterError(
                 f"block {number} has {k} sources and a covariance of shape {block_matrix.shape}, not ({2 * k}, {2 * k})"
             )
-        matrix_rows = np.concatenate([rows, rows + n_sources])
+        matrix_rows = np.concatenate([source_rows, source_rows + n_sources])
         matrix[np.ix_(matrix_rows, matrix_rows)] += block_matrix
     return Covariance(matrix)
 

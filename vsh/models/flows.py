@@ -257,16 +257,16 @@ class LinearTheory(Frozen):
         # Wave numbers close enough for sums, and their step in ln k.
         log_k, step = np.linspace(np.log(self.k[0]), np.log(self.k[-1]), 6001, retstep=True)
         k = np.exp(log_k)
-        weight = (self.growth_rate * HUBBLE) ** 2 / (2 * np.pi**2) * self.power_at(k) * k * step
+        k_weight = (self.growth_rate * HUBBLE) ** 2 / (2 * np.pi**2) * self.power_at(k) * k * step
         x = np.linspace(0, np.arcsinh(_FARTHEST), 500)
-        table = np.empty((len(x), 2))
+        psi_table = np.empty((len(x), 2))
         for i, r in enumerate(np.sinh(x)):
             # j_0(x) and j_1(x)/x, three times as fast as the library's by recurrence.
             kr = np.maximum(k * r, 1e-6)
-            square, zeroth = kr * kr, np.sin(kr) / kr
-            ratio = np.where(kr < 0.02, 1 / 3 - square / 30 + square**2 / 840, (zeroth - np.cos(kr)) / square)
-            table[i] = weight @ (zeroth - 2 * ratio), weight @ ratio
-        return _fit_cubic_spline(x, table), table
+            kr2, j0 = kr * kr, np.sin(kr) / kr
+            j1_by_kr = np.where(kr < 0.02, 1 / 3 - kr2 / 30 + kr2**2 / 840, (j0 - np.cos(kr)) / kr2)
+            psi_table[i] = k_weight @ (j0 - 2 * j1_by_kr), k_weight @ j1_by_kr
+        return _fit_cubic_spline(x, psi_table), psi_table
 
 
 def _fit_cubic_spline(x, y):
@@ -343,18 +343,18 @@ def flow_of_galaxies(
     if step > smoothing:
         fewest_points = int(np.ceil(2 * half_width / smoothing))
         raise ParameterError(f"cells of {step:.2g} Mpc/h are wider than the smoothing: take a size of {fewest_points}")
-    edges = np.linspace(-half_width, half_width, size + 1)
-    counts, _ = np.histogramdd((triad(lon, lat)[2] * distance).T, bins=(edges,) * 3)
-    cell_centres = (edges[1:] + edges[:-1]) / 2
+    cell_edges = np.linspace(-half_width, half_width, size + 1)
+    counts, _ = np.histogramdd((triad(lon, lat)[2] * distance).T, bins=(cell_edges,) * 3)
+    cell_centres = (cell_edges[1:] + cell_edges[:-1]) / 2
     cells = np.stack(np.meshgrid(cell_centres, cell_centres, cell_centres, indexing="ij"))
-    radius = np.sqrt(np.sum(cells**2, 0))
-    is_seen, visible_share = radius < farthest, 1.0
+    cell_radius = np.sqrt(np.sum(cells**2, 0))
+    is_seen, visible_share = cell_radius < farthest, 1.0
     if visible is not None:
         visible = np.asarray(visible, bool)
         nside = check_nside(round(np.sqrt(visible.size / 12)))
         if visible.shape != (12 * nside**2,):
             raise ParameterError(f"visible is a HEALPix map, of 12 nside² pixels, not of shape {visible.shape}")
-        is_seen &= visible[pixels_of(*angles(cells.reshape(3, -1)), nside)].reshape(radius.shape)
+        is_seen &= visible[pixels_of(*angles(cells.reshape(3, -1)), nside)].reshape(cell_radius.shape)
         visible_share = float(visible.mean())
         distance = distance[visible[pixels_of(lon, lat, nside)]]
     shells = farthest * np.linspace(0, 1, _N_SHELLS + 1) ** (1 / 3)
@@ -363,7 +363,7 @@ def flow_of_galaxies(
     density = np.histogram(distance, shells)[0] / volume
     is_filled = density > 0
     cubic = np.polyfit(centres[is_filled], np.log(density[is_filled]), 3, w=np.sqrt((density * volume)[is_filled]))
-    mean_counts = np.exp(np.polyval(cubic, np.clip(radius, centres[0], centres[-1]))) * step**3
+    mean_counts = np.exp(np.polyval(cubic, np.clip(cell_radius, centres[0], centres[-1]))) * step**3
     contrast = np.where(is_seen, counts / mean_counts - 1, 0.0)
     contrast[is_seen] -= contrast[is_seen].mean()
     k = make_wave_vectors(size, step)
@@ -379,10 +379,10 @@ def make_wave_vectors(size: int, step: float) -> FloatArray:
 
 def compute_linear_velocities(contrast_transform: FloatArray, k: FloatArray, beta: float) -> FloatArray:
     """Compute velocities of linear theory on a cube, (3, size, size, size), v(k) = i β H δ(k) k/k². [km/s]"""
-    square = np.sum(k**2, 0)
-    square[0, 0, 0] = 1.0  # a uniform density pulls nowhere
-    pull_factor, shape = 1j * beta * HUBBLE * contrast_transform / square, (k.shape[1],) * 3
-    return np.stack([np.fft.irfftn(pull_factor * component, shape, axes=(0, 1, 2)) for component in k])
+    k_squared = np.sum(k**2, 0)
+    k_squared[0, 0, 0] = 1.0  # a uniform density pulls nowhere
+    pull_factor, grid_shape = 1j * beta * HUBBLE * contrast_transform / k_squared, (k.shape[1],) * 3
+    return np.stack([np.fft.irfftn(pull_factor * component, grid_shape, axes=(0, 1, 2)) for component in k])
 
 
 #: Beyond this distance flows move nobody's estimate: sources there have independent velocities. [Mpc/h]
@@ -586,8 +586,8 @@ def _choose_strongest_modes(nearest, farthest, n_modes, theory, max_degree):
     radii = np.geomspace(nearest, farthest, _N_RADII)
     k, step = _make_wave_numbers_and_steps(farthest)
     amplitude = theory.growth_rate * HUBBLE * np.sqrt(2 / np.pi * theory.power_at(k) * step) / k
-    weight = np.sqrt(np.gradient(radii)) * radii
-    weight /= np.sqrt(np.sum(weight**2))
+    radial_weight = np.sqrt(np.gradient(radii)) * radii
+    radial_weight /= np.sqrt(np.sum(radial_weight**2))
     kr = np.outer(radii, k)
     powers, functions = [], []
     bessel = spherical_jn(0, kr)
@@ -598,8 +598,8 @@ def _choose_strongest_modes(nearest, farthest, n_modes, theory, max_degree):
             slope = previous_bessel - (l + 1) / kr * bessel
         tangential = np.sqrt(l * (l + 1)) * bessel / radii[:, None] * amplitude
         radial = slope * k * amplitude
-        matrix = np.vstack([tangential, radial]) * np.tile(weight, 2)[:, None]
-        _, singular_values, right_vectors = np.linalg.svd(matrix, full_matrices=False)
+        weighted_matrix = np.vstack([tangential, radial]) * np.tile(radial_weight, 2)[:, None]
+        _, singular_values, right_vectors = np.linalg.svd(weighted_matrix, full_matrices=False)
         origin = k / 3 * amplitude if l == 1 else np.zeros_like(k)
         leading_vectors = right_vectors[: n_modes // (2 * l + 1) + 1].T
         powers.append(singular_values[: leading_vectors.shape[1]] ** 2)

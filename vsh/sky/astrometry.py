@@ -77,14 +77,14 @@ def propagate(
     # The local axes turn with the position, and so the components of the motion change.
     turn_p = (np.tan(lat) * (q * motion[0] - p * motion[1]) - r * motion[0]) * UAS
     turn_q = -r * motion[1] * UAS
-    columns = (
+    derivatives = (
         (p * (1 + zeta * t) + turn_p * t, p * zeta + turn_p, 0.0),
         (q * (1 + zeta * t) + turn_q * t, q * zeta + turn_q, 0.0),
         (by_parallax * t, by_parallax, 1.0),
         (p * t, p, 0.0),
         (q * t, q, 0.0),
     )
-    for k, (db, drate, dparallax) in enumerate(columns):
+    for k, (db, drate, dparallax) in enumerate(derivatives):
         df = -(f**2) * np.sum(r_end * db, 0)
         dr = f * db + b * df
         dsky_motion = df / f * sky_motion + f * (
@@ -133,9 +133,9 @@ def add_positions(covariance: ArrayLike, position_covariance: ArrayLike, years: 
     design = np.zeros((len(covariance), 2, 5))
     design[:, [0, 1], [0, 1]] = 1.0
     design[:, [0, 1], [3, 4]] = np.broadcast_to(years, len(covariance))[:, None]
-    projected = design @ covariance
-    gain = np.linalg.solve(projected @ design.swapaxes(1, 2) + position_covariance, projected)
-    return covariance - projected.swapaxes(1, 2) @ gain
+    projected_covariance = design @ covariance
+    gain = np.linalg.solve(projected_covariance @ design.swapaxes(1, 2) + position_covariance, projected_covariance)
+    return covariance - projected_covariance.swapaxes(1, 2) @ gain
 
 
 def _propagate_with_erfa(lon, lat, parallax, motion, velocity, start, end):

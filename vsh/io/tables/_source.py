@@ -226,10 +226,10 @@ def _apply_mask_column(block, name):
         return values, mask
     mask_column = np.asarray(block[f"{name}.mask"][0])
     if mask_column.dtype.kind == "O":  # lists, in which some numbers are missing
-        row_masks, rows = [np.asarray(row, bool) for row in mask_column], np.empty(len(values), object)
+        row_masks, nan_rows = [np.asarray(row, bool) for row in mask_column], np.empty(len(values), object)
         for i, (row, is_missing) in enumerate(zip(values, row_masks, strict=True)):
-            rows[i] = np.where(is_missing, np.nan, row)
-        values, mask_column = rows, np.array([row.all() for row in row_masks])
+            nan_rows[i] = np.where(is_missing, np.nan, row)
+        values, mask_column = nan_rows, np.array([row.all() for row in row_masks])
     mask_column = mask_column.astype(bool)
     return values, mask_column if mask is None else mask | mask_column
 
@@ -456,12 +456,12 @@ def _read_pandas_columns(file, label):
     return {}
 
 
-def _read_vaex_columns(file, groups):
+def _read_vaex_columns(file, group_names):
     """Read the columns of numbers of a file of vaex, which has a group for each."""
     from astropy.table import MaskedColumn
 
     columns = {}
-    for name in [name for name in groups if name.startswith("table/columns/") and f"{name}/data" in file]:
+    for name in [name for name in group_names if name.startswith("table/columns/") and f"{name}/data" in file]:
         group = file[name]
         if "indices" not in group:  # of text
             mask = group["mask"][()] if "mask" in group else False

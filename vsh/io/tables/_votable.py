@@ -55,8 +55,8 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
     units = {name: str(column.unit) for name, column in columns.items() if column.unit is not None}
     notes: tuple[str, ...] = ()
     if len(tables) > 1:
-        others = "; the first was" if len(alike) == 1 else f"; {len(alike)} with the columns of the first were"
-        notes = (f"{label} holds {len(tables)} tables{others} read",)
+        which_remark = "; the first was" if len(alike) == 1 else f"; {len(alike)} with the columns of the first were"
+        notes = (f"{label} holds {len(tables)} tables{which_remark} read",)
     if overflow and any(str(info.value).upper() == "OVERFLOW" for info in statuses):
         notes += (f"warning: {label} has a part of the rows of its query (QUERY_STATUS OVERFLOW)",)
 

@@ -84,10 +84,10 @@ class Where(InNotebook):
     def check(self, names: tuple[str, ...], label: str) -> None:
         """Raise TableError unless a table has all columns; the message names the nearest."""
         for name in [name for name in self.names if name not in names]:
-            near = [column for column in names if column.lower() == name.lower()]
-            near = near or get_close_matches(name, names, 3, 0.6)
-            listing = ", ".join(map(printable, near or names[:50]))
-            hint = f"; nearest: {listing}" if near else f". It has {listing}"
+            nearest_names = [column for column in names if column.lower() == name.lower()]
+            nearest_names = nearest_names or get_close_matches(name, names, 3, 0.6)
+            name_list = ", ".join(map(printable, nearest_names or names[:50]))
+            hint = f"; nearest: {name_list}" if nearest_names else f". It has {name_list}"
             raise TableError(
                 f"--where: {label} has no column {printable(name)!r}{hint}. Conditions take the table's own names"
             )
