@@ -186,7 +186,7 @@ def find_fields_of_view(transit_id: Any, source: Any, time: Any) -> tuple[Any, s
     Parameters
     ----------
     transit_id : (k,) int array
-        Of each observation.
+        Number of the transit of each observation, with its field of view in two bits.
     source : (k,) array
         Source of each observation.
     time : (k,) array
