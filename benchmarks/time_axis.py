@@ -25,7 +25,7 @@ from fit.waves import search_in_time
 from sim import agis
 from vsh import Modes
 from vsh.basis import harmonics
-from vsh.io.epochs import Observations, design_row
+from vsh.io.epochs import Observations, make_design_rows
 from vsh.models.covariance import wave_fractions
 from vsh.models.waves import wave_motions
 from vsh.sky.frames import rotation_matrix
@@ -43,7 +43,7 @@ def observed(n=800, error=1000.0, seed=3):
     lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
     transits = LAW.transits(lon, lat)
     t = transits.time - YEARS / 2
-    design = design_row(transits.angle, transits.parallax_factor, t)
+    design = make_design_rows(transits.angle, transits.parallax_factor, t)
     view = transits.view.astype(int)
     k = len(t)
     return Observations(lon, lat, transits.source, t, design, np.zeros(k), np.full(k, error), np.arange(n), (), view)

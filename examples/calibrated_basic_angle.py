@@ -16,7 +16,7 @@ from sim import agis
 from vsh import Modes
 from vsh.basis import harmonics
 from vsh.figures.plot import COLOURS, STYLE, figure_of
-from vsh.io.epochs import design_row
+from vsh.io.epochs import make_design_rows
 
 # %%
 # The transits of a hundred sources in the 5.5 years of DR4.
@@ -25,7 +25,7 @@ rng = np.random.default_rng(1)
 lon, lat = rng.uniform(0, 2 * np.pi, 100), np.arcsin(rng.uniform(-1, 1, 100))
 transits = law.transits(lon, lat)
 time, source = transits.time - law.years / 2, transits.source
-design = design_row(transits.angle, transits.parallax_factor, time)
+design = make_design_rows(transits.angle, transits.parallax_factor, time)
 own = [np.flatnonzero(source == k) for k in range(len(lon))]
 modes = Modes(2)
 along = np.einsum("pck,ck->pk", harmonics(lon[source], lat[source], modes), design[:2])

@@ -15,7 +15,7 @@ import numpy as np
 from sim.population import uniform_sky
 from sim.scanning import NominalScanningLaw, Transits
 from sim.variability import Variability, markov_chain
-from vsh.io.epochs import design_row
+from vsh.io.epochs import make_design_rows
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import ParameterError
@@ -148,7 +148,7 @@ def solve_astrometry(
     rng = generator(rng)
     error = np.asarray(error, float)
     n, source = len(error), transits.source
-    design = design_row(transits.angle, transits.parallax_factor, transits.time - years / 2)
+    design = make_design_rows(transits.angle, transits.parallax_factor, transits.time - years / 2)
     noise = error[source] * rng.standard_normal(len(source))
     if variability is not None and variability.sigma > 0:
         east, north = (markov_chain(transits.time, variability.sigma, variability.tau, rng, source) for _ in range(2))
@@ -190,7 +190,7 @@ def expected_solution_covariances(
     inverse = formal / error[:, None, None] ** 2
     true = formal + attitude**2 * inverse
     if variability is not None and variability.sigma > 0:
-        design = design_row(transits.angle, transits.parallax_factor, transits.time - years / 2)
+        design = make_design_rows(transits.angle, transits.parallax_factor, transits.time - years / 2)
         true = true + _compute_variability_covariance(inverse, design, transits, variability, len(error))
     return formal, true
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from vsh.models.cosmology import FLAT_PLANCK13, compute_redshift, distance_modulus, hubble_value, transverse_distance
-from vsh.models.flows import LINEAR_PLANCK18, VelocityGrid, compute_velocities, wave_vectors
+from vsh.models.flows import LINEAR_PLANCK18, VelocityGrid, compute_linear_velocities, make_wave_vectors
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
@@ -463,11 +463,11 @@ def clustered_galaxies(
 def _draw_linear_field(rng, size, half_width, max_wavenumber=np.inf):
     """Density contrast and velocity on a periodic grid, of the waves below a wave number along every axis."""
     step = 2 * half_width / size
-    k = wave_vectors(size, step)
+    k = make_wave_vectors(size, step)
     wavenumber = np.sqrt(np.sum(k**2, 0))
     wavenumber[0, 0, 0] = 1.0
     power = np.where(np.abs(k).max(0) < max_wavenumber, LINEAR_PLANCK18.power_at(wavenumber), 0.0)
     power[0, 0, 0] = 0.0
     amplitudes = np.fft.rfftn(rng.standard_normal((size, size, size))) * np.sqrt(power / step**3)
     density = np.fft.irfftn(amplitudes, (size,) * 3, axes=(0, 1, 2))
-    return density, compute_velocities(amplitudes, k, LINEAR_PLANCK18.growth_rate)
+    return density, compute_linear_velocities(amplitudes, k, LINEAR_PLANCK18.growth_rate)

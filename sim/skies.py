@@ -8,7 +8,7 @@ plane, where extinction hides quasars; the Initial Gaia Quasar List is a sum of 
 import numpy as np
 
 from vsh.sky.frames import rotation_matrix
-from vsh.sky.pixels import centres, random_positions
+from vsh.sky.pixels import centres, draw_map_positions
 from vsh.sky.sphere import angles, triad
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import FloatArray, Rng
@@ -66,7 +66,7 @@ def draw_positions(
 ) -> tuple[FloatArray, FloatArray]:
     """n positions in ICRS, with the density of a sky. [rad]"""
     density, frame = sky_map(sky) if isinstance(sky, str) else (sky, map_frame)
-    lon, lat = random_positions(density, n, rng)
+    lon, lat = draw_map_positions(density, n, rng)
     return angles(rotation_matrix(frame, "icrs") @ triad(lon, lat)[2])
 
 

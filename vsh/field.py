@@ -21,7 +21,7 @@ from vsh.sky.frames import (
     check_frame,
     check_redshift_frame,
     coordinate_columns,
-    rotate_motions,
+    rotate_astrometry,
     rotation_matrix,
 )
 from vsh.tools import bad_rows
@@ -733,7 +733,7 @@ class Field(Equal, SourcesWithErrors):
         if check_frame(name) == self.frame:
             return self
         matrix = rotation_matrix(self.frame, name)
-        lon, lat, motion, sigma, rho = rotate_motions(matrix, self.lon, self.lat, self.motion, self.sigma, self.rho)
+        lon, lat, motion, sigma, rho = rotate_astrometry(matrix, self.lon, self.lat, self.motion, self.sigma, self.rho)
         return self._derive(lon=lon, lat=lat, motion=motion, sigma=sigma, rho=rho, frame=name)
 
     def _table(self):

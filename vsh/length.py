@@ -130,22 +130,22 @@ def length_limits(
     # Nothing along the widest axis leaves the nearest vector undetermined; a millionth of an error does not.
     components = np.where(np.abs(components) < 1e-6 * sigma, 1e-6 * sigma, components)
     rank = np.sum(variances > 1e-10 * variances[:, -1:], axis=1)
-    shortest = chdtri(rank, 1 - _SHORTEST_SHARE) / np.sum(components**2 / variances, axis=1)
-    components = components * np.sqrt(np.maximum(1.0, shortest))[:, None]
+    boost_square = chdtri(rank, 1 - _SHORTEST_SHARE) / np.sum(components**2 / variances, axis=1)
+    components = components * np.sqrt(np.maximum(1.0, boost_square))[:, None]
     square = np.sum(components**2, axis=1)
-    relative, largest_sigma = variances / variances[:, -1:], sigma[:, -1]
+    relative_variances, largest_sigma = variances / variances[:, -1:], sigma[:, -1]
     null_tails = _compute_shorter_probabilities(square, variances, np.zeros_like(components), dof)
     # Each may underestimate the tail of short vectors by any factor, which would exclude nothing; the larger one is
     # right to a few per cent, and the first is exact where all errors are equal.
     null_tail = np.maximum(null_tails, _LEAST_AGREEMENT * np.maximum(*null_tails))
     lower, upper = np.sqrt(square), np.sqrt(square) + _find_search_reach(dof, components.shape[1]) * largest_sigma
     for _ in range(30):
-        middle = (lower + upper) / 2
-        mu = _solve_lagrange_multiplier(components.T, relative.T, middle)
-        truth = components / (1 + mu[:, None] * relative)
+        middle_length = (lower + upper) / 2
+        mu = _solve_lagrange_multiplier(components.T, relative_variances.T, middle_length)
+        truth = components / (1 + mu[:, None] * relative_variances)
         tails = _compute_shorter_probabilities(square, variances, truth, dof)
         is_allowed = (np.array(tails) > (1 - probability) * null_tail).any(0)
-        lower, upper = np.where(is_allowed, middle, lower), np.where(is_allowed, upper, middle)
+        lower, upper = np.where(is_allowed, middle_length, lower), np.where(is_allowed, upper, middle_length)
     return upper
 
 
@@ -166,26 +166,26 @@ def _compute_shorter_probabilities(
     h = np.where(np.abs(h) < 1e-3, 1e-3, h)
     mean, scatter = 1 + c2 * h * (h - 1) / c1**2, np.sqrt(2 * c2) * np.abs(h) / c1
     sums = [np.zeros_like(square), np.zeros_like(square)]
-    scales = _compute_variance_scales(dof, truth.shape[1])
-    for scale in scales:
-        scaled_square = square * scale
+    variance_scales = _compute_variance_scales(dof, truth.shape[1])
+    for variance_scale in variance_scales:
+        scaled_square = square * variance_scale
         statistic = (scaled_square - c1) / np.sqrt(2 * c2) * np.sqrt(2) * a + degrees + delta
         sums[0] += chndtr(np.maximum(statistic, 0.0), degrees, delta)
         sums[1] += ndtr(np.sign(h) * ((scaled_square / c1) ** h - mean) / scatter)
-    return np.maximum(sums[0] / len(scales), 1e-9), np.maximum(sums[1] / len(scales), 1e-9)
+    return np.maximum(sums[0] / len(variance_scales), 1e-9), np.maximum(sums[1] / len(variance_scales), 1e-9)
 
 
-def _compute_variance_scales(dof: float, size: int) -> FloatArray:
+def _compute_variance_scales(dof: float, n_components: int) -> FloatArray:
     """Compute equally likely factors between estimated and true variances: of k components, one if they are known."""
     if np.isinf(dof):
         return np.ones(1)
-    degrees = dof - size + 1
+    degrees = dof - n_components + 1
     return chdtri(degrees, (np.arange(16) + 0.5) / 16) / dof
 
 
-def _find_search_reach(dof: float, size: int) -> float:
+def _find_search_reach(dof: float, n_components: int) -> float:
     """Find the distance beyond its length that a vector may have, in its largest errors."""
-    return 6.0 if np.isinf(dof) else 6.0 + 60.0 / max(dof - size + 1, 1.0)
+    return 6.0 if np.isinf(dof) else 6.0 + 60.0 / max(dof - n_components + 1, 1.0)
 
 
 class _Profile:
@@ -198,8 +198,8 @@ class _Profile:
         # Axes along which there is neither a value nor an error, as of the trace of a shear, are none.
         is_axis = (variances > 1e-12 * variances[-1]) | (np.abs(components) > 1e-9 * np.abs(components).max())
         self.variances = np.maximum(variances[is_axis] / variances[-1], 1e-12)
-        small = 1e-6 * np.sqrt(self.variances)  # as in `length_limits`
-        self.value = np.where(np.abs(components[is_axis]) < small, small, components[is_axis])
+        smallest = 1e-6 * np.sqrt(self.variances)  # as in `length_limits`
+        self.value = np.where(np.abs(components[is_axis]) < smallest, smallest, components[is_axis])
         self.norm = float(np.linalg.norm(self.value))
         self.unequal = float(np.clip((1 / np.sqrt(self.variances.min()) - 1) / 3, 0.0, 1.0))
         # Hotelling's T² with k components is k ν/(ν − k + 1) times an F with k and ν − k + 1 degrees of freedom.
@@ -215,24 +215,24 @@ class _Profile:
         """
         nearest, observed = self._find_nearest(self.value[:, None, None], lengths)
         tails = self._get_tails(nearest, self.noise, lengths, observed)
-        noise = self.noise[:, None, :: _POINTS // _DIRECTIONS]
+        offsets = self.noise[:, None, :: _POINTS // _DIRECTIONS]
         shifts = _SHIFT * self.unequal * np.clip((_FAR - lengths) / (_FAR - _NEAR), 0.0, 1.0)
         shifted = shifts > 0
         if not shifted.any():
             return tails
-        vectors, _ = self._find_nearest(self.value[:, None, None] + shifts[shifted, None] * noise, lengths[shifted])
-        fewer = self.noise[:, 1 :: _POINTS // _FEWER_POINTS]
+        vectors, _ = self._find_nearest(self.value[:, None, None] + shifts[shifted, None] * offsets, lengths[shifted])
+        few_points = self.noise[:, 1 :: _POINTS // _FEWER_POINTS]
         for k in range(vectors.shape[2]):
-            direction_tails = self._get_tails(vectors[:, :, k : k + 1], fewer, lengths[shifted], observed[shifted])
+            direction_tails = self._get_tails(vectors[:, :, k : k + 1], few_points, lengths[shifted], observed[shifted])
             tails[shifted] = np.maximum(tails[shifted], direction_tails)
         return tails
 
     def _get_tails(self, truth: FloatArray, noise: FloatArray, lengths: FloatArray, observed: FloatArray) -> FloatArray:
         """Compute tail probabilities for given true vectors, (k, m, 1), and points of the noise, (k, n)."""
-        _, profile = self._find_nearest(truth + noise[:, None, :], lengths)
+        _, profiles = self._find_nearest(truth + noise[:, None, :], lengths)
         if np.isinf(self.dof):
-            return np.mean(profile >= observed, axis=1)
-        return chdtr(self.free, self.dof * profile / np.maximum(observed, 1e-300)).mean(axis=1)
+            return np.mean(profiles >= observed, axis=1)
+        return chdtr(self.free, self.dof * profiles / np.maximum(observed, 1e-300)).mean(axis=1)
 
     def find_end(self, lower: float, upper: float, tail: float) -> float:
         """Find the length between two at which the tail is `tail`, nearest to the one that the data do not allow.
@@ -245,11 +245,11 @@ class _Profile:
         for n_lengths in (_COARSE, _FINE):
             lengths = np.linspace(lower, upper, n_lengths)
             deviates = ndtri(np.clip(self.find_tails(lengths), 1e-9, 1 - 1e-9)) - ndtri(tail)
-            k = int(np.argmax(deviates > 0))
-            if k == 0:
+            crossing = int(np.argmax(deviates > 0))
+            if crossing == 0:
                 return float(lengths[0] if deviates[0] > 0 else lengths[-1]) * self.unit
-            lower, upper = lengths[k - 1], lengths[k]
-        share = deviates[k - 1] / (deviates[k - 1] - deviates[k])
+            lower, upper = lengths[crossing - 1], lengths[crossing]
+        share = deviates[crossing - 1] / (deviates[crossing - 1] - deviates[crossing])
         return float(lower + share * (upper - lower)) * self.unit
 
     def _find_nearest(self, vectors: FloatArray, lengths: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -257,9 +257,9 @@ class _Profile:
         variances, length = self.variances[:, None, None], lengths[:, None]
         mu = _solve_lagrange_multiplier(vectors, variances, np.maximum(length, 1e-12))
         theta = vectors / (1 + mu * variances)
-        profile = (theta**2 * variances).sum(axis=0) * mu**2
-        null = np.broadcast_to((vectors**2 / variances).sum(axis=0), profile.shape)
-        return np.where(length > 0, theta, 0.0), np.where(length > 0, profile, null)
+        profiles = (theta**2 * variances).sum(axis=0) * mu**2
+        null_profile = np.broadcast_to((vectors**2 / variances).sum(axis=0), profiles.shape)
+        return np.where(length > 0, theta, 0.0), np.where(length > 0, profiles, null_profile)
 
 
 def _solve_lagrange_multiplier(vectors: FloatArray, variances: FloatArray, length: FloatArray) -> FloatArray:
@@ -272,20 +272,20 @@ def _solve_lagrange_multiplier(vectors: FloatArray, variances: FloatArray, lengt
     squares = vectors**2
     for _ in range(_NEWTON_STEPS):
         stretch = 1 / (1 + mu * variances)
-        terms = squares * stretch**2
-        square = terms.sum(axis=0)
-        slope = (terms * variances * stretch).sum(axis=0)
-        mu = mu + square / slope * (np.sqrt(square) / length - 1)
+        squared_components = squares * stretch**2
+        square_length = squared_components.sum(axis=0)
+        slope = (squared_components * variances * stretch).sum(axis=0)
+        mu = mu + square_length / slope * (np.sqrt(square_length) / length - 1)
     return mu
 
 
 @lru_cache(maxsize=8)
-def _make_normal_points(size: int) -> Any:
+def _make_normal_points(n_components: int) -> Any:
     """Make points of a normal distribution of so many components, each with its mirror image, (size, _POINTS)."""
     # Kronecker's sequence of the generalised golden ratio fills the unit cube evenly.
     ratio = 2.0
     for _ in range(60):
-        ratio = (1 + ratio) ** (1 / (size + 1))
-    step = ratio ** -np.arange(1.0, size + 1)
-    half = ndtri((0.5 + np.outer(step, np.arange(1, _POINTS // 2 + 1))) % 1)
-    return np.concatenate([half, -half], axis=1)
+        ratio = (1 + ratio) ** (1 / (n_components + 1))
+    step = ratio ** -np.arange(1.0, n_components + 1)
+    half_points = ndtri((0.5 + np.outer(step, np.arange(1, _POINTS // 2 + 1))) % 1)
+    return np.concatenate([half_points, -half_points], axis=1)

@@ -46,7 +46,7 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
     >>> acceleration.glide.round(3)
     array([-0.236, -3.756, -2.08 ])
     """
-    matrix = rotation_matrix(frame, to) if isinstance(to, str) else _check_matrix(to)
+    matrix = rotation_matrix(frame, to) if isinstance(to, str) else _check_rotation_matrix(to)
     from scipy.spatial.transform import Rotation  # imported here: it takes a tenth of the time of a small job
 
     rotation_vector = Rotation.from_matrix(np.array(matrix)).as_rotvec()
@@ -81,8 +81,8 @@ def degree_matrix(l: int, vector: FloatArray) -> FloatArray:
     m = np.arange(-l, l + 1)
     raising = np.diag(np.sqrt(l * (l + 1) - m[:-1] * (m[:-1] + 1)), -1)  # J₊ |m⟩ = √… |m + 1⟩
     generator = (x * (raising + raising.T) - 1j * y * (raising - raising.T)) / 2 + np.diag(z * m)
-    angles, vectors = eigh(generator)
-    complex_matrix = (vectors * np.exp(-1j * angles)) @ vectors.conj().T
+    eigenvalues, eigenvectors = eigh(generator)
+    complex_matrix = (eigenvectors * np.exp(-1j * eigenvalues)) @ eigenvectors.conj().T
     # Conversion between real coefficients and those of m = −l … l, where c_{−m} = (−1)^m c_m*.
     to_complex = np.zeros((2 * l + 1, 2 * l + 1), complex)
     to_complex[l, 0] = 1
@@ -90,14 +90,14 @@ def degree_matrix(l: int, vector: FloatArray) -> FloatArray:
         sign = (-1) ** order
         to_complex[l + order, 2 * order - 1 : 2 * order + 1] = 1, 1j
         to_complex[l - order, 2 * order - 1 : 2 * order + 1] = sign, -1j * sign
-    product = complex_matrix @ to_complex
+    complex_product = complex_matrix @ to_complex
     matrix = np.empty((2 * l + 1, 2 * l + 1))
-    matrix[0] = product[l].real
-    matrix[1::2], matrix[2::2] = product[l + 1 :].real, product[l + 1 :].imag
+    matrix[0] = complex_product[l].real
+    matrix[1::2], matrix[2::2] = complex_product[l + 1 :].real, complex_product[l + 1 :].imag
     return matrix
 
 
-def _check_matrix(matrix):
+def _check_rotation_matrix(matrix):
     try:
         matrix = np.asarray(matrix, float)
     except (TypeError, ValueError):

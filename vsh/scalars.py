@@ -147,8 +147,8 @@ class ScalarField(SourcesWithErrors):
         if self.name is not None:
             arrays["name"] = np.asarray(self.name)
         check_shapes(arrays, lambda column: (arrays["lon"].size,))
-        reasons = _find_invalid_rows(arrays["lon"], arrays["lat"], arrays["values"], arrays["sigma"])
-        select_usable(reasons, arrays["lon"].size)
+        invalid_rows = _find_invalid_rows(arrays["lon"], arrays["lat"], arrays["values"], arrays["sigma"])
+        select_usable(invalid_rows, arrays["lon"].size)
         self._set(**arrays, unit=str(self.unit), notes=tuple(self.notes))
 
     @classmethod
@@ -252,23 +252,23 @@ class ScalarField(SourcesWithErrors):
         <ScalarField: 768 sources, icrs>
         """
         lon, lat = float_array("lon", lon), float_array("lat", lat)
-        share = np.ones(12) if selection is None else np.ravel(float_array("selection", selection, finite=False))
-        share, map_nside = np.where(np.isfinite(share), share, 0.0), np.sqrt(share.size / 12)
-        if map_nside != int(map_nside) or (share < 0).any():
-            raise ParameterError(f"a selection is a HEALPix map of at least zero, not {share.size} values")
+        coverage = np.ones(12) if selection is None else np.ravel(float_array("selection", selection, finite=False))
+        coverage, map_nside = np.where(np.isfinite(coverage), coverage, 0.0), np.sqrt(coverage.size / 12)
+        if map_nside != int(map_nside) or (coverage < 0).any():
+            raise ParameterError(f"a selection is a HEALPix map of at least zero, not {coverage.size} values")
         if nside is None:
-            largest_nside2 = lon.size / (12 * _IN_PIXEL * max((share > 0).mean(), 1e-3))
-            nside = next((k for k in (32, 16, 8, 4, 2) if k**2 <= largest_nside2), 1)
+            largest_nside2 = lon.size / (12 * _IN_PIXEL * max((coverage > 0).mean(), 1e-3))
+            nside = next((candidate for candidate in (32, 16, 8, 4, 2) if candidate**2 <= largest_nside2), 1)
         n_pixels = 12 * check_nside(nside) ** 2
         if selection is None:
-            share = np.ones(n_pixels)
+            coverage = np.ones(n_pixels)
         elif nside != map_nside:  # the mean of the pixels within
             pixels = pixels_of(*centres(int(map_nside)), nside)
-            share = np.bincount(pixels, share, n_pixels) / np.maximum(np.bincount(pixels, minlength=n_pixels), 1)
-        counts, is_used = np.bincount(pixels_of(lon, lat, nside), minlength=n_pixels), share > 0
+            coverage = np.bincount(pixels, coverage, n_pixels) / np.maximum(np.bincount(pixels, minlength=n_pixels), 1)
+        counts, is_used = np.bincount(pixels_of(lon, lat, nside), minlength=n_pixels), coverage > 0
         if not counts[is_used].any():
             raise ParameterError(f"none of {lon.size} sources lies where the selection is above zero")
-        expected = counts[is_used].sum() * share[is_used] / share[is_used].sum()
+        expected = counts[is_used].sum() * coverage[is_used] / coverage[is_used].sum()
         notes = [f"counts of {counts[is_used].sum()} sources in {is_used.sum()} pixels of nside {nside}"]
         if n_outside := int(counts[~is_used].sum()):
             notes.append(f"{n_outside} sources lie where the selection is zero and are not counted")

@@ -25,7 +25,7 @@ import numpy as np
 
 from vsh.io import tables
 from vsh.io.results import MOVED, RENAMED
-from vsh.io.sections import Answer, Section, as_plain, text_of
+from vsh.io.sections import Answer, Section, as_json_value, text_of
 from vsh.modes import Modes
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.files import RESULT_MARK, check_new
@@ -227,7 +227,7 @@ class Result(Frozen):
         """The lines to quote, the notes and `to_table` as plain values; numbers that are not finite are None."""
         answer: Any = getattr(self, "answer", Answer())
         contents = {"type": type(self).__name__, "answer": dict(answer.lines), "notes": getattr(self, "notes", ())}
-        return {name: as_plain(value) for name, value in (contents | {"table": self.to_table()}).items()}
+        return {name: as_json_value(value) for name, value in (contents | {"table": self.to_table()}).items()}
 
     def to_json(self) -> str:
         """Write `to_dict` as a JSON document."""

@@ -28,7 +28,7 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import DISTANCES, Parts, apply_step
 from vsh.io.sections import Section
-from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, hubble_value, parallax_factor
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, hubble_value, parallax_distance_ratio
 from vsh.models.flows import FlowModes, LinearTheory, VelocityGrid
 from vsh.sky.sphere import local_components, triad
 from vsh.tools.arguments import positive
@@ -192,7 +192,7 @@ def make_field_equations(
     cos, sin, major_variance, minor_variance = _compute_error_ellipses(field, calibration, k)
     own_mask = np.where(k.own & apart, 1.0, 0.0)
     # Our own motion moves sources by v/d_P, which in curved space is another distance than d_M.
-    parallax_rate = mean * parallax_factor(
+    parallax_rate = mean * parallax_distance_ratio(
         1 / (AU_PER_YEAR * np.where(k.own, k.mean / ratio, k.mean)), calibration.cosmology
     )
     velocity_columns = -parallax_rate * np.stack([p, q])

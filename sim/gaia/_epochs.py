@@ -9,7 +9,7 @@ from sim.population import Population, uniform_sky
 from sim.scanning import NominalScanningLaw, Transits, sun_position
 from sim.signal import Signal, as_signal
 from vsh.coefficients import Coefficients
-from vsh.io.epochs import design_row
+from vsh.io.epochs import make_design_rows
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
@@ -128,7 +128,7 @@ def epochs(
     steady = truth.steady
     motion = steady(population.lon, population.lat, population.redshift) if steady.parts else np.zeros((2, len(error)))
     source, since = transits.source, law.start + transits.time - EPOCH
-    design = design_row(transits.angle, transits.parallax_factor, since)
+    design = make_design_rows(transits.angle, transits.parallax_factor, since)
     position = motion[0, source] * design[3] + motion[1, source] * design[4]
     if truth.changes:
         displacement = truth.displacement(population.lon[source], population.lat[source], since)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sim.signal._signal import ObserverMotion, Signal, TimeDependent, check_nonzero_vector
-from vsh.models.cosmology import FLAT_PLANCK13, hubble_value, parallax_factor, transverse_distance
+from vsh.models.cosmology import FLAT_PLANCK13, hubble_value, parallax_distance_ratio, transverse_distance
 from vsh.models.flows import LINEAR_PLANCK18, LinearTheory, VelocityGrid, flow_modes
 from vsh.models.waves import unit_vector, wave_motions
 from vsh.sky.sphere import local_components, triad
@@ -230,7 +230,7 @@ class SecularParallax(ObserverMotion):
         p, q, _ = triad(lon, lat)
         distance = transverse_distance(redshift, self.cosmology, hubble=self.hubble)
         # The curvature acts on distances for the cosmology's own H0.
-        factor = parallax_factor(transverse_distance(redshift, self.cosmology), self.cosmology)
+        factor = parallax_distance_ratio(transverse_distance(redshift, self.cosmology), self.cosmology)
         return -np.stack([self.velocity @ p, self.velocity @ q]) * (factor / (AU_PER_YEAR * distance))
 
 

@@ -19,7 +19,7 @@ from vsh.io.catalogue import read_field, read_positions, read_scalars
 from vsh.models import cosmology, covariance
 from vsh.models.covariance import Covariance, Spectrum
 from vsh.models.waves import compute_strain
-from vsh.sky.pixels import pixels_of, random_positions
+from vsh.sky.pixels import draw_map_positions, pixels_of
 from vsh.tools.arguments import between, choice, float_array, not_negative, number, positive, whole
 from vsh.tools.errors import VshError
 
@@ -84,7 +84,7 @@ PROMISED = {
 MADE = {
     Coefficients: (1, np.zeros(6)), Coefficients.from_vectors: ((1, 2, 3), (1, 2, 3), 1), Modes: (1,), Vector: ([1, 2, 3], np.eye(3)),
     Vector.from_spherical: (1.0, 10.0, 20.0), Normal: (67.0, 1.0), Flat: (50.0, 80.0), harmonics: (FIELD.lon, FIELD.lat, 1),
-    pixels_of: (FIELD.lon, FIELD.lat, 1), random_positions: (np.ones(12), 3, 1), Field: (FIELD.lon, FIELD.lat, FIELD.motion, FIELD.sigma),
+    pixels_of: (FIELD.lon, FIELD.lat, 1), draw_map_positions: (np.ones(12), 3, 1), Field: (FIELD.lon, FIELD.lat, FIELD.motion, FIELD.sigma),
     Field.from_columns: tuple(np.ones(3) for _ in range(6)), cosmology.velocity_in_frame: ("planck", "icrs"),
     sim.NominalScanningLaw: (2014.73, 0.2), sim.Variability: (100.0, 2.0), sim.galaxies: (10, 1), read_field: ({"ra": [1.0]},),
     Spectrum.given: (np.ones(3), np.ones(3)), Spectrum.power_law: (-1.0,), Spectrum.waves: (70.0,), Covariance: (np.eye(4),),

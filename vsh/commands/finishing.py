@@ -20,7 +20,7 @@ import vsh
 from vsh.commands import parsing, reading, running
 from vsh.commands.parsing import NOT_KEPT, NUMBER
 from vsh.io.quantities import latex_table
-from vsh.io.sections import Answer, Section, as_plain, text_of
+from vsh.io.sections import Answer, Section, as_json_value, text_of
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.files import UNFINISHED, atomic_folder, atomic_write, check_not_read, check_unchanged, digest, file_stamp
 from vsh.tools.formats import is_address
@@ -502,7 +502,7 @@ def as_json(options: argparse.Namespace, result: RunResult) -> str:
         "written": [str(path) for path in (options.output, getattr(options, "html", None)) if path],
     }
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
-    return json.dumps(as_plain(document), ensure_ascii=encoding.lower() not in ("utf-8", "utf8"), allow_nan=False)
+    return json.dumps(as_json_value(document), ensure_ascii=encoding.lower() not in ("utf-8", "utf8"), allow_nan=False)
 
 
 def _parse_number_text(value):

@@ -33,15 +33,15 @@ def read_map(path: PathName) -> tuple[FloatArray, str | None]:
         import healpy
     except ImportError as error:
         raise TableError(f"{label}: maps need healpy, which is not installed; there is none for Windows") from error
-    unreadable = as_table_error(f"{label} cannot be read as a HEALPix map")
-    with open_checked_fits(path, label) as unpacked_path, unreadable, warnings.catch_warnings():
+    error_context = as_table_error(f"{label} cannot be read as a HEALPix map")
+    with open_checked_fits(path, label) as unpacked_path, error_context, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         values, header = healpy.read_map(unpacked_path, h=True)
     values = np.asarray(values)
     if values.ndim != 1 or values.dtype.kind not in "fiu":
         raise TableError(f"{label} cannot be read as a HEALPix map: it holds {values.ndim} maps of {values.dtype}")
-    coordsys = str(dict(header).get("COORDSYS", "")).strip().upper()
-    return values, _FRAME_OF_SYSTEM.get(coordsys)
+    coordinate_system = str(dict(header).get("COORDSYS", "")).strip().upper()
+    return values, _FRAME_OF_SYSTEM.get(coordinate_system)
 
 
 #: What headers of maps call the axes.
@@ -92,11 +92,11 @@ def read_density(path: PathName, sigma: float = 1000.0, frame: str | None = None
     if not has_sources.any():
         raise TableError(f"{label}: no pixel has sources")
     lon, lat = (axis[has_sources] for axis in centres(round(np.sqrt(values.size / 12)), any_size=True))
-    errors = np.broadcast_to(positive("sigma", sigma) / np.sqrt(values[has_sources]), (2, lon.size))
+    pixel_errors = np.broadcast_to(positive("sigma", sigma) / np.sqrt(values[has_sources]), (2, lon.size))
     notes = [
         f"a map of densities: {has_sources.sum()} pixels with {values[has_sources].sum():.6g} sources, each of "
         f"{sigma:g} µas/yr"
     ]
     if has_no_value.any():
         notes.append(f"{has_no_value.sum()} of {values.size} pixels of the map have no value and count as empty")
-    return Field(lon, lat, np.zeros((2, lon.size)), errors, frame=frame, notes=tuple(notes))
+    return Field(lon, lat, np.zeros((2, lon.size)), pixel_errors, frame=frame, notes=tuple(notes))

@@ -47,10 +47,10 @@ def symbol(name: str) -> str:
         superscript = f"^{{\\rm {'R' if component == 're' else 'I'}}}" if component else ""
         return f"${kind}_{{{subscript}}}{superscript}$"
     if (match := _VECTOR_NAME.fullmatch(name)) and (match[1] == "|") == (match[3] is None):
-        jump, letter, axis, _, at = match[1], _VECTOR_SYMBOLS[match[2]], match[3], match[4], match[5]
+        jump, letter, axis, _, place = match[1], _VECTOR_SYMBOLS[match[2]], match[3], match[4], match[5]
         if axis is None:
             return f"$|{letter}|$"
-        return f"{'jump of ' if jump else ''}${letter}_{axis}${f' at {at}' if at else ''}"
+        return f"{'jump of ' if jump else ''}${letter}_{axis}${f' at {place}' if place else ''}"
     return _SYMBOLS.get(name, name)
 
 
@@ -78,51 +78,51 @@ def latex_table(table: Table, caption: str = "") -> str:
     str
         What is wider than a page is turned, where that makes it narrower, or split; what is longer is a `longtable`.
     """
-    kept = table[[name for name in table.colnames if not name.startswith("correlation_")]]
-    heads, rows = format_table(kept, write_name=str, digits=3)
-    heads = [_format_head(*head.partition(" [")) for head in heads]
-    rows = [list(map(_format_latex, row)) for row in rows]
+    shown_table = table[[table_label for table_label in table.colnames if not table_label.startswith("correlation_")]]
+    heads, rows = format_table(shown_table, write_name=str, digits=3)
+    heads = [_format_column_head(*head.partition(" [")) for head in heads]
+    rows = [list(map(_format_latex_cell, row)) for row in rows]
     first_column, *other_columns = zip(heads, *rows, strict=True)
     transposed = list(first_column), list(map(list, other_columns))
-    if len(heads) <= _PAGE_ROWS and len(_group_columns(*transposed)) < len(_group_columns(heads, rows)):
+    if len(heads) <= _PAGE_ROWS and len(_group_columns_by_page(*transposed)) < len(_group_columns_by_page(heads, rows)):
         heads, rows = transposed
     title = ": ".join(title_part for title_part in (caption, str(table.meta.get("summary", ""))) if title_part)
-    groups = _group_columns(heads, rows)
-    label = re.sub(r"[^a-z0-9]+", "-", (caption or "table").lower()).strip("-")[:40].strip("-")
+    groups = _group_columns_by_page(heads, rows)
+    label_stem = re.sub(r"[^a-z0-9]+", "-", (caption or "table").lower()).strip("-")[:40].strip("-")
     tables = []
-    for i, group in enumerate(groups):
+    for i, column_numbers in enumerate(groups):
         part_title = f", part {i + 1} of {len(groups)}" if len(groups) > 1 else ""
-        name = f"tab:{label}{f'-{i + 1}' if len(groups) > 1 else ''}"
-        cells = [[heads[k] for k in group], *([row[k] for k in group] for row in rows)]
-        tables.append(_format_tabular(cells, f"{latex_text(title)}{part_title}", name))
+        table_label = f"tab:{label_stem}{f'-{i + 1}' if len(groups) > 1 else ''}"
+        table_rows = [[heads[k] for k in column_numbers], *([row[k] for k in column_numbers] for row in rows)]
+        tables.append(_format_table_environment(table_rows, f"{latex_text(title)}{part_title}", table_label))
     return "\n\n".join(tables)
 
 
-def _group_columns(heads, rows):
+def _group_columns_by_page(heads, rows):
     """Group columns by part of the table: the first in each, and as many others as are not wider than a page."""
-    widths = [_measure_width([head, *(row[k] for row in rows)]) for k, head in enumerate(heads)]
-    groups, width = [[0]], widths[0]
+    widths = [_measure_column_width([head, *(row[k] for row in rows)]) for k, head in enumerate(heads)]
+    column_groups, group_width = [[0]], widths[0]
     for k in range(1, len(heads)):
-        if width + widths[k] > _PAGE_WIDTH and len(groups[-1]) > 1:
-            groups.append([0])
-            width = widths[0]
-        groups[-1].append(k)
-        width += widths[k]
-    return groups
+        if group_width + widths[k] > _PAGE_WIDTH and len(column_groups[-1]) > 1:
+            column_groups.append([0])
+            group_width = widths[0]
+        column_groups[-1].append(k)
+        group_width += widths[k]
+    return column_groups
 
 
-def _measure_width(cells):
+def _measure_column_width(cells):
     """Count the characters of a column, with the space beside it; long words are broken."""
     longest = max(len(_INVISIBLE.sub("", cell)) for cell in cells)
     return longest + 3 if longest <= _WORDS else _WORDS + 4 if longest < 3 * _WORDS else 2 * _WORDS + 4
 
 
-def _format_tabular(cells, title, name):
-    widths = [_measure_width(column) for column in zip(*cells, strict=True)]
+def _format_table_environment(rows, title, name):
+    widths = [_measure_column_width(column) for column in zip(*rows, strict=True)]
     alignment = "".join(
         f"p{{{width / 2.6:.1f}em}}" if width > _WORDS + 3 else "l" if k == 0 else "c" for k, width in enumerate(widths)
     )
-    head, *body = (" & ".join(row) + r" \\" for row in cells)
+    head, *body = (" & ".join(row_cells) + r" \\" for row_cells in rows)
     if len(body) > _PAGE_ROWS:
         opening = [rf"\begin{{longtable}}{{{alignment}}}", rf"\caption{{{title}}}\label{{{name}}}\\", r"\toprule", head,
                  r"\midrule", r"\endfirsthead", r"\toprule", head, r"\midrule", r"\endhead"]  # fmt: skip
@@ -134,24 +134,24 @@ def _format_tabular(cells, title, name):
     return "\n".join([*opening, *body, r"\bottomrule", r"\end{tabular}", rf"\end{{{environment}}}"])
 
 
-def _format_head(name, bracket="", unit=""):
+def _format_column_head(name, bracket="", unit=""):
     """Format the name of a quantity in LaTeX, with its unit."""
     return (_format_symbol(name) or latex_text(name.replace("_", " "))) + latex_text(bracket + unit)
 
 
 def _format_symbol(name):
     """Format the symbol of a quantity, what stands between its dollars as it is; nothing where it has none."""
-    formatted = symbol(name)
-    pieces = (piece if k % 2 else latex_text(piece) for k, piece in enumerate(formatted.split("$")))
-    return "$".join(pieces) if formatted != name else ""
+    quantity_symbol = symbol(name)
+    pieces = (piece if k % 2 else latex_text(piece) for k, piece in enumerate(quantity_symbol.split("$")))
+    return "$".join(pieces) if quantity_symbol != name else ""
 
 
-def _format_latex(text):
+def _format_latex_cell(text):
     """Format text that LaTeX prints as it is; numbers with its minus, ± and powers of ten."""
     match = _NUMBER.fullmatch(text)
     if match is None or (match[3] and match[4]):
         name, bracket, unit = text.partition(" [")
         return _format_symbol(name) + latex_text(bracket + unit) if _format_symbol(name) else latex_text(text)
-    sign, value, power, error = match.groups(default="")
-    times = rf" \times 10^{{{int(power)}}}" if power else ""
-    return f"${sign}{value}{times}{error}$".replace("±", r"\pm")
+    sign, value, exponent, error = match.groups(default="")
+    power_of_ten = rf" \times 10^{{{int(exponent)}}}" if exponent else ""
+    return f"${sign}{value}{power_of_ten}{error}$".replace("±", r"\pm")

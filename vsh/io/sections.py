@@ -67,19 +67,19 @@ def format_table(
             continue
         unit, values = table[name].unit, table[name].tolist()
         if name in errors:
-            cells = [format_with_error(*item) for item in zip(values, table[errors[name]].tolist(), strict=True)]
+            cells = [format_with_error(*pair) for pair in zip(values, table[errors[name]].tolist(), strict=True)]
         elif number_format := (forms or {}).get(name):
-            cells = [format(item, number_format) for item in values]
+            cells = [format(value, number_format) for value in values]
         elif name.startswith("p_value"):
             cells = list(map(printed_p_value, values))
         elif name == "unit":
             cells = list(map(format_unit, values))
         elif name.startswith("correlation_"):
-            cells = [f"{item:+.3f}" for item in values]
+            cells = [f"{value:+.3f}" for value in values]
         elif (name.startswith(_PREFIXES_OF_NUMBERS) and "sigma" in table.colnames) or name == "sigma":
-            cells = [format_to_error_digits(*item) for item in zip(values, table["sigma"].tolist(), strict=True)]
+            cells = [format_to_error_digits(*pair) for pair in zip(values, table["sigma"].tolist(), strict=True)]
         else:
-            cells = [format_cell(item, digits) for item in values]
+            cells = [format_cell(value, digits) for value in values]
         words = f"r({name.removeprefix('correlation_')})" if name.startswith("correlation_") else name.replace("_", " ")
         head = words if write_name is None else write_name(name)
         heads.append(f"{head} [{format_unit(unit)}]" if unit else head)
@@ -179,7 +179,7 @@ class Section(InNotebook):
         if self.facts:
             lines.append(format_labelled_lines(self.facts))
         if self.shown is not None:
-            lines += align_columns(*format_table(self.shown, self.forms))
+            lines += format_table_lines(*format_table(self.shown, self.forms))
         lines += self.remarks
         if self.notes:
             lines += ["", "Notes", *(f"  - {note}" for note in dict.fromkeys(map(str, self.notes)))]
@@ -205,7 +205,7 @@ def text_of(sections: Iterable[Section]) -> str:
     return "\n\n".join(map(str, sections)) + "\n"
 
 
-def align_columns(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+def format_table_lines(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Lines of a table: words to the left, numbers to the right, two spaces before the first column."""
     columns = list(zip(heads, *rows, strict=True))
     alignments = ["<" if any(cell[:1].isalpha() for cell in column[1:]) else ">" for column in columns]
@@ -213,7 +213,7 @@ def align_columns(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[s
     return [f"  {'   '.join(map(format, cells, formats))}".rstrip() for cells in (heads, *rows)]
 
 
-def as_plain(value: Any) -> Any:
+def as_json_value(value: Any) -> Any:
     """A value made of what JSON knows: tables by column with their units, numbers that are not finite as None.
 
     Parameters
@@ -226,13 +226,13 @@ def as_plain(value: Any) -> Any:
             name: {"unit": None if value[name].unit is None else str(value[name].unit), "values": value[name].tolist()}
             for name in value.colnames
         }
-        return as_plain({"meta": dict(value.meta), "columns": columns})
+        return as_json_value({"meta": dict(value.meta), "columns": columns})
     if isinstance(value, Mapping):
-        return {str(key): as_plain(entry) for key, entry in value.items()}
+        return {str(key): as_json_value(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray | np.number | np.bool_):
-        return as_plain(value.tolist())
+        return as_json_value(value.tolist())
     if isinstance(value, (list, tuple)):
-        return [as_plain(entry) for entry in value]
+        return [as_json_value(entry) for entry in value]
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, str | int) else str(value)

@@ -51,11 +51,11 @@ class FlatLCDM:
         """Transverse comoving distance [Mpc]: Baes, Camps & Van De Putte (2017, MNRAS 468, 927), eq. 15."""
         s = ((1 - self.omega_m) / self.omega_m) ** (1 / 3)
 
-        def integral(x):
+        def compute_integral(x):
             return 2 * np.sqrt(x) * hyp2f1(1 / 6, 1 / 2, 7 / 6, -(x**3))
 
         scale = SPEED_OF_LIGHT / self.hubble / np.sqrt(s * self.omega_m)
-        return scale * (integral(s) - integral(s / (redshift + 1)))
+        return scale * (compute_integral(s) - compute_integral(s / (redshift + 1)))
 
     @property
     def H0(self) -> Quantity:
@@ -157,10 +157,10 @@ def compute_redshift(distance: ArrayLike, cosmology: Cosmology | None = None) ->
     cosmology = FLAT_PLANCK13 if cosmology is None else cosmology
     from scipy.interpolate import make_interp_spline  # slow to import
 
-    grid = np.geomspace(FLOW_LIMIT, 1000.0, 4000)
-    grid_distances = _compute_distance(grid, cosmology)
+    grid_redshifts = np.geomspace(FLOW_LIMIT, 1000.0, 4000)
+    grid_distances = _compute_distance(grid_redshifts, cosmology)
     rising_part = slice(0, int(np.argmax(grid_distances)) + 1)
-    spline = make_interp_spline(np.log(grid_distances[rising_part]), np.log(grid[rising_part]), k=3)
+    spline = make_interp_spline(np.log(grid_distances[rising_part]), np.log(grid_redshifts[rising_part]), k=3)
     distance = np.asarray(distance, float)
     clipped_distance = np.clip(distance, grid_distances[0], grid_distances[rising_part][-1])
     return np.exp(spline(np.log(clipped_distance))) * np.minimum(distance / grid_distances[0], 1)
@@ -173,7 +173,7 @@ def hubble_value(cosmology: Cosmology) -> float:
     return float(_check_cosmology(cosmology).H0.to_value("km / (s Mpc)"))
 
 
-def parallax_factor(distance: ArrayLike, cosmology: Cosmology | None = None) -> FloatArray:
+def parallax_distance_ratio(distance: ArrayLike, cosmology: Cosmology | None = None) -> FloatArray:
     """Ratio d_M/d_P by which our own motion moves sources more than in flat space, (n,).
 
     Our velocity moves a source by v/d_P with d_P = d_M/√(1 + Ω_k (d_M H0/c)²), its own by v/d_M (Weinberg 1972,
@@ -209,16 +209,16 @@ def _interpolate_distance(redshift, cosmology, accuracy=1e-9):
     lower, upper = np.log1p(redshift.min()), np.log1p(redshift.max()) + 1e-12
     from scipy.interpolate import make_interp_spline  # slow to import
 
-    nodes = 32
-    while nodes <= 4096:
-        log_nodes = np.linspace(lower, upper, nodes + 1)
+    n_nodes = 32
+    while n_nodes <= 4096:
+        log_nodes = np.linspace(lower, upper, n_nodes + 1)
         z = np.expm1(log_nodes)
         spline = make_interp_spline(log_nodes, np.log(_compute_distance(z, cosmology) / z), k=5)
         midpoints = (log_nodes[1:] + log_nodes[:-1]) / 2
         z = np.expm1(midpoints)
         if np.abs(spline(midpoints) - np.log(_compute_distance(z, cosmology) / z)).max() < accuracy / 4:
             return redshift * np.exp(spline(np.log1p(redshift)))
-        nodes *= 2
+        n_nodes *= 2
     raise ConvergenceError(f"the distances of {cosmology} are too rough to interpolate")
 
 
@@ -316,9 +316,9 @@ def to_cmb(redshift: FloatArray, lon: FloatArray, lat: FloatArray, frame: str, r
         return redshift
     r = triad(lon, lat)[2]
     rotation = rotation_matrix("galactic", frame)
-    toward = {name: rotation @ REDSHIFT_FRAMES[name].value @ r / SPEED_OF_LIGHT for name in ("cmb", redshift_frame)}
-    at_rest = (1 + redshift) * (1 + toward["cmb"]) / (1 + toward[redshift_frame]) - 1
-    return np.where(redshift == 0, 0.0, at_rest)  # an exact zero marks one that is not known, and is nowhere near
+    velocities = {name: rotation @ REDSHIFT_FRAMES[name].value @ r / SPEED_OF_LIGHT for name in ("cmb", redshift_frame)}
+    cmb_redshift = (1 + redshift) * (1 + velocities["cmb"]) / (1 + velocities[redshift_frame]) - 1
+    return np.where(redshift == 0, 0.0, cmb_redshift)  # an exact zero marks one that is not known, and is nowhere near
 
 
 #: Below this redshift a source moves with its neighbours, not with the expansion.

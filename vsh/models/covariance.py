@@ -53,15 +53,15 @@ _FEWEST_PANELS, _GRADING = 250, 3
 def d_plus(lmax: int, theta: ArrayLike) -> FloatArray:
     """d⁺_l = d^l_{11}(θ) = ½ (1 + x) P^{(0,2)}_{l−1}(x), x = cos θ, for l = 1 … lmax."""
     x = np.cos(np.atleast_1d(np.asarray(theta, float)))
-    values = np.empty((lmax, x.size))
+    polynomials = np.empty((lmax, x.size))
     # Jacobi's polynomials with (0, 2), by their recurrence.
     previous, p = np.zeros_like(x), np.ones_like(x)
     for n in range(lmax):
-        values[n] = p
+        polynomials[n] = p
         k, c = n + 1, 2 * (n + 1) + 2
         numerator = (c - 1) * (c * (c - 2) * x - 4) * p - 2 * (k - 1) * (k + 1) * c * previous
         previous, p = p, numerator / (2 * k * (k + 2) * (c - 2))
-    return (1 + x) / 2 * values
+    return (1 + x) / 2 * polynomials
 
 
 def d_minus(lmax: int, theta: ArrayLike) -> FloatArray:
@@ -81,14 +81,14 @@ def compute_power(function: Callable[[FloatArray], FloatArray], lmax: int, kerne
     n_panels = max(_FEWEST_PANELS, lmax)
     u = ((np.arange(n_panels)[:, None] + (nodes + 1) / 2) / n_panels).ravel()
     theta = np.pi * u**_GRADING
-    integrand = evaluate_function(function, theta) * np.sin(theta) * _GRADING * np.pi * u ** (_GRADING - 1)
+    integrand = evaluate_covariance_function(function, theta) * np.sin(theta) * _GRADING * np.pi * u ** (_GRADING - 1)
     integrand *= np.tile(weights / (2 * n_panels), n_panels)
     integrals = kernel(lmax, theta) @ integrand
-    l = np.arange(lmax + 1 - len(integrals), lmax + 1)
-    return 2 * np.pi * (2 * l + 1) * integrals
+    degrees = np.arange(lmax + 1 - len(integrals), lmax + 1)
+    return 2 * np.pi * (2 * degrees + 1) * integrals
 
 
-def evaluate_function(function: Callable[[FloatArray], FloatArray], theta: FloatArray) -> FloatArray:
+def evaluate_covariance_function(function: Callable[[FloatArray], FloatArray], theta: FloatArray) -> FloatArray:
     """Evaluate V at some angles, of their shape and finite. [(µas/yr)²]"""
     if not callable(function):
         raise ParameterError(f"a covariance function V(θ) takes angles in rad, not {type(function).__name__}")
@@ -237,10 +237,10 @@ class SpectrumOfKind(InNotebook):
         >>> Spectrum.from_covariance(LINDEGREN_2021).power(5)[0].round(1)
         array([218.3, 291.2, 306.9, 288.8, 257. ])
         """
-        evaluate_function(function, np.array([0.1, 1.0]))
+        evaluate_covariance_function(function, np.array([0.1, 1.0]))
         name = name or f"of the covariance function {getattr(function, '__name__', 'V(θ)')}"
-        integrals = lru_cache(maxsize=16)(lambda lmax: zero_rounding_errors(compute_power(function, lmax, cls._kernel)))
-        return cls(name, lambda lmax: cls._repeat_for_kinds(integrals(lmax)))
+        integrate = lru_cache(maxsize=16)(lambda lmax: zero_rounding_errors(compute_power(function, lmax, cls._kernel)))
+        return cls(name, lambda lmax: cls._repeat_for_kinds(integrate(lmax)))
 
     @classmethod
     def _repeat_for_kinds(cls, power):
@@ -272,8 +272,8 @@ class SpectrumOfKind(InNotebook):
         """Variance of each of `modes`, (p,): P_l/(2l + 1), half where a mode stands for ±m. [(µas/yr)²]"""
         modes = as_modes(modes, self.mode_class)
         l, n_kinds = modes.degrees, len(modes.kinds)
-        rows = np.repeat(np.arange(n_kinds), len(modes) // n_kinds)
-        return self.power(modes.lmax)[rows, l - modes.lowest] / (2 * l + 1) / modes.norm2
+        kind_rows = np.repeat(np.arange(n_kinds), len(modes) // n_kinds)
+        return self.power(modes.lmax)[kind_rows, l - modes.lowest] / (2 * l + 1) / modes.norm2
 
     def __add__(self, other: Any) -> Self:
         if type(other) is not type(self):
@@ -464,7 +464,7 @@ class Covariance(Frozen):
             raise ParameterError(
                 f"a covariance of n sources has shape (2n, 2n), all east components first, not {shape}"
             )
-        check_size(shape[0] // 2)
+        check_covariance_size(shape[0] // 2)
         matrix = float_array("the covariance", self.matrix)
         for rows in np.array_split(np.arange(shape[0]), max(1, matrix.size // 2**24)):  # no second matrix of its size
             if (matrix[rows, rows] < 0).any():
@@ -484,9 +484,9 @@ class Covariance(Frozen):
 
     def __getitem__(self, keep: Any) -> Covariance:
         """The covariance of the sources picked by a mask, a slice or indices."""
-        rows = np.arange(len(self))[keep]
-        rows = np.concatenate([rows, rows + len(self)])
-        return Covariance(self.matrix[np.ix_(rows, rows)])
+        matrix_rows = np.arange(len(self))[keep]
+        matrix_rows = np.concatenate([matrix_rows, matrix_rows + len(self)])
+        return Covariance(self.matrix[np.ix_(matrix_rows, matrix_rows)])
 
     def __add__(self, other: Any) -> Covariance:
         if not isinstance(other, Covariance):
@@ -528,8 +528,8 @@ class Covariance(Frozen):
             If the matrix is not positive definite.
         """
         rows = np.asarray(rows, float)
-        flat = rows.reshape(-1, 2 * len(self))
-        return solve_triangular(self.factor, flat.T, lower=True, check_finite=False).T.reshape(rows.shape)
+        flat_rows = rows.reshape(-1, 2 * len(self))
+        return solve_triangular(self.factor, flat_rows.T, lower=True, check_finite=False).T.reshape(rows.shape)
 
 
 def as_covariance(value: Any, field: Any) -> Covariance:
@@ -542,7 +542,7 @@ def as_covariance(value: Any, field: Any) -> Covariance:
     return matrix
 
 
-def check_size(n_sources: int) -> None:
+def check_covariance_size(n_sources: int) -> None:
     """Raise ParameterError where a dense matrix would be too large, before it is made."""
     if n_sources > MAX_SOURCES:
         raise ParameterError(
@@ -552,32 +552,32 @@ def check_size(n_sources: int) -> None:
         )
 
 
-def _read_matrix(path):
+def _read_covariance_matrix(path):
     """Read the first image of two axes of a FITS file, a NumPy array, or numbers as text, once its size is known."""
-    ending = path.suffix.lower()
-    if ending in (".fits", ".fit"):
+    suffix = path.suffix.lower()
+    if suffix in (".fits", ".fit"):
         from astropy.io import fits
 
-        with fits.open(path) as units:
-            images = [unit for unit in units if unit.is_image and unit.header.get("NAXIS") == 2]
+        with fits.open(path) as hdus:
+            images = [unit for unit in hdus if unit.is_image and unit.header.get("NAXIS") == 2]
             images = [unit for unit in images if "NAXIS2" in unit.header]
             if not images:
                 raise TableError(f"{path} holds no image of two axes")
-            check_size(max(images[0].shape) // 2)
+            check_covariance_size(max(images[0].shape) // 2)
             return np.array(images[0].data, float)
-    matrix = np.load(path, mmap_mode="r", allow_pickle=False) if ending == ".npy" else np.loadtxt(path, ndmin=2)
-    check_size(max(matrix.shape, default=0) // 2)
+    matrix = np.load(path, mmap_mode="r", allow_pickle=False) if suffix == ".npy" else np.loadtxt(path, ndmin=2)
+    check_covariance_size(max(matrix.shape, default=0) // 2)
     return np.array(matrix, float)
 
 
 @arguments.accepts(field=arguments.a(Field))
 def of_errors(field: Field) -> Covariance:
     """The sources' own errors, which no two of them share."""
-    check_size(len(field))
+    check_covariance_size(len(field))
     (s1, s2), n = field.sigma, len(field)
     matrix = np.diag(np.concatenate([s1, s2]) ** 2)
-    cross = np.arange(n), np.arange(n) + n
-    matrix[cross] = matrix[cross[::-1]] = field.rho * s1 * s2
+    pairs = np.arange(n), np.arange(n) + n
+    matrix[pairs] = matrix[pairs[::-1]] = field.rho * s1 * s2
     return Covariance(matrix)
 
 
@@ -611,7 +611,7 @@ def from_function(field: Field, function: Callable[[FloatArray], FloatArray]) ->
     <Covariance: 50 sources>
     """
     n = len(field)
-    check_size(n)
+    check_covariance_size(n)
     p, q, r = triad(field.lon, field.lat)
     matrix = np.empty((2, n, 2, n))
 
@@ -619,13 +619,13 @@ def from_function(field: Field, function: Callable[[FloatArray], FloatArray]) ->
         cosines = r[:, block].T @ r
         # Half the chord keeps small angles; the cosine alone loses them.
         chord = np.linalg.norm(r[:, block, None] - r[:, None], axis=0)
-        values = evaluate_function(function, 2 * np.arcsin(np.minimum(chord / 2, 1.0)))
+        covariances = evaluate_covariance_function(function, 2 * np.arcsin(np.minimum(chord / 2, 1.0)))
         # The parallel transport of a from r to r': a − (a·r') (r + r')/(1 + r·r').
         factor = 1 / np.maximum(1 + cosines, 1e-300)
         for i, a in enumerate((p, q)):
             for j, b in enumerate((p, q)):
                 transport = a[:, block].T @ b - (a[:, block].T @ r) * (r[:, block].T @ b) * factor
-                matrix[i, block, j] = values * np.clip(transport, -1, 1)
+                matrix[i, block, j] = covariances * np.clip(transport, -1, 1)
 
     for _ in map_blocks(fill_block, n, max(16, 2**22 // n)):
         pass
@@ -652,17 +652,17 @@ def from_spectrum(field: Field, spectrum: Spectrum, lmax: int) -> Covariance:
     ParameterError
         If there are more than `MAX_SOURCES`.
     """
-    check_size(len(field))
+    check_covariance_size(len(field))
     modes = as_modes(lmax)
-    rows = harmonics(field.lon, field.lat, modes).reshape(len(modes), -1)
-    rows *= np.sqrt(spectrum.variances(modes))[:, None]
-    return Covariance(rows.T @ rows)
+    mode_rows = harmonics(field.lon, field.lat, modes).reshape(len(modes), -1)
+    mode_rows *= np.sqrt(spectrum.variances(modes))[:, None]
+    return Covariance(mode_rows.T @ mode_rows)
 
 
 @arguments.accepts(n_sources=arguments.whole)
 def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Covariance:
     """Covariance that is common to groups of sources: of an experiment, a station, a field of view."""
-    check_size(n_sources)
+    check_covariance_size(n_sources)
     matrix = np.zeros((2 * n_sources, 2 * n_sources))
     if not isinstance(blocks, Iterable):
         raise ParameterError(f"blocks are pairs of sources and systematic errors, not {blocks!r}")
@@ -671,11 +671,11 @@ def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Cova
             raise ParameterError(f"block {number} is no pair of sources and systematic errors")
         sources, block_covariance = block
         try:
-            rows = np.arange(n_sources)[np.asarray(sources)]
+            source_rows = np.arange(n_sources)[np.asarray(sources)]
         except (IndexError, TypeError):
             raise ParameterError(f"block {number} names sources that are not among the {n_sources}") from None
-        k = len(rows)
-        if len(set(rows.tolist())) < k:
+        k = len(source_rows)
+        if len(set(source_rows.tolist())) < k:
             raise ParameterError(f"block {number} names a source twice")
         block_matrix = float_array(f"the covariance of block {number}", block_covariance)
         if not block_matrix.ndim:
@@ -684,7 +684,7 @@ def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Cova
             raise ParameterError(
                 f"block {number} has {k} sources and a covariance of shape {block_matrix.shape}, not ({2 * k}, {2 * k})"
             )
-        matrix_rows = np.concatenate([rows, rows + n_sources])
+        matrix_rows = np.concatenate([source_rows, source_rows + n_sources])
         matrix[np.ix_(matrix_rows, matrix_rows)] += block_matrix
     return Covariance(matrix)
 
@@ -705,7 +705,7 @@ def read_covariance(path: PathName) -> Covariance:
         If what it holds is no covariance, or too large.
     """
     try:
-        matrix = _read_matrix(Path(path))
+        matrix = _read_covariance_matrix(Path(path))
     except VshError:
         raise
     except Exception as error:  # whatever a damaged file makes of NumPy or Astropy, a tokenizer's error included

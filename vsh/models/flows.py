@@ -219,20 +219,20 @@ class LinearTheory(Frozen):
         """P(`k`) between the tabulated wave numbers [h/Mpc]; nothing beyond them. [(Mpc/h)³]"""
         k = np.asarray(k, float)
         inside = (k >= self.k[0]) & (k <= self.k[-1])
-        return np.where(inside, np.exp(self._spline(np.log(np.clip(k, self.k[0], self.k[-1])))), 0.0)
+        return np.where(inside, np.exp(self._log_power_spline(np.log(np.clip(k, self.k[0], self.k[-1])))), 0.0)
 
     @property
     def sigma(self) -> float:
         """The dispersion of velocities in each component. [km/s]"""
-        return float(np.sqrt(self._correlations[1][0, 0]))
+        return float(np.sqrt(self._correlation_spline_and_table[1][0, 0]))
 
     def correlation(self, separation: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Ψ∥ and Ψ⊥, the correlations of velocities along a `separation` [Mpc/h] and across it. [(km/s)²]"""
         separation = np.asarray(separation, float)
         in_range = separation < _FARTHEST
         x = np.arcsinh(np.minimum(separation, _FARTHEST))
-        along, across = np.moveaxis(self._correlations[0](x), -1, 0)
-        return np.where(in_range, along, 0.0), np.where(in_range, across, 0.0)
+        psi_along, psi_across = np.moveaxis(self._correlation_spline_and_table[0](x), -1, 0)
+        return np.where(in_range, psi_along, 0.0), np.where(in_range, psi_across, 0.0)
 
     def covariance(self, positions: FloatArray) -> FloatArray:
         """The covariance of velocities at `positions` (3, n) [Mpc/h], (3n, 3n): x, y, z of the first, … [(km/s)²]"""
@@ -240,36 +240,36 @@ class LinearTheory(Frozen):
         separations = positions[:, :, None] - positions[:, None, :]
         r = np.sqrt(np.sum(separations * separations, 0))
         along, across = self.correlation(r)
-        unit = separations / np.maximum(r, 1e-12)
+        direction = separations / np.maximum(r, 1e-12)
         matrix = np.empty((n, 3, n, 3))
         for i in range(3):
             for j in range(3):
-                matrix[:, i, :, j] = (along - across) * unit[i] * unit[j] + (across if i == j else 0.0)
+                matrix[:, i, :, j] = (along - across) * direction[i] * direction[j] + (across if i == j else 0.0)
         return matrix.reshape(3 * n, 3 * n)
 
     @cached_property
-    def _spline(self):
-        return _fit_spline(np.log(self.k), np.log(self.power))
+    def _log_power_spline(self):
+        return _fit_cubic_spline(np.log(self.k), np.log(self.power))
 
     @cached_property
-    def _correlations(self):
+    def _correlation_spline_and_table(self):
         """Ψ∥ and Ψ⊥ as a spline in arsinh r, and as a table."""
         # Wave numbers close enough for sums, and their step in ln k.
         log_k, step = np.linspace(np.log(self.k[0]), np.log(self.k[-1]), 6001, retstep=True)
         k = np.exp(log_k)
-        weight = (self.growth_rate * HUBBLE) ** 2 / (2 * np.pi**2) * self.power_at(k) * k * step
+        k_weight = (self.growth_rate * HUBBLE) ** 2 / (2 * np.pi**2) * self.power_at(k) * k * step
         x = np.linspace(0, np.arcsinh(_FARTHEST), 500)
-        table = np.empty((len(x), 2))
+        psi_table = np.empty((len(x), 2))
         for i, r in enumerate(np.sinh(x)):
             # j_0(x) and j_1(x)/x, three times as fast as the library's by recurrence.
             kr = np.maximum(k * r, 1e-6)
-            square, zeroth = kr * kr, np.sin(kr) / kr
-            ratio = np.where(kr < 0.02, 1 / 3 - square / 30 + square**2 / 840, (zeroth - np.cos(kr)) / square)
-            table[i] = weight @ (zeroth - 2 * ratio), weight @ ratio
-        return _fit_spline(x, table), table
+            kr2, j0 = kr * kr, np.sin(kr) / kr
+            j1_by_kr = np.where(kr < 0.02, 1 / 3 - kr2 / 30 + kr2**2 / 840, (j0 - np.cos(kr)) / kr2)
+            psi_table[i] = k_weight @ (j0 - 2 * j1_by_kr), k_weight @ j1_by_kr
+        return _fit_cubic_spline(x, psi_table), psi_table
 
 
-def _fit_spline(x, y):
+def _fit_cubic_spline(x, y):
     """Fit a cubic spline through what is tabulated."""
     from scipy.interpolate import make_interp_spline  # slow to import
 
@@ -343,46 +343,46 @@ def flow_of_galaxies(
     if step > smoothing:
         fewest_points = int(np.ceil(2 * half_width / smoothing))
         raise ParameterError(f"cells of {step:.2g} Mpc/h are wider than the smoothing: take a size of {fewest_points}")
-    edges = np.linspace(-half_width, half_width, size + 1)
-    counts, _ = np.histogramdd((triad(lon, lat)[2] * distance).T, bins=(edges,) * 3)
-    cell_centres = (edges[1:] + edges[:-1]) / 2
+    cell_edges = np.linspace(-half_width, half_width, size + 1)
+    counts, _ = np.histogramdd((triad(lon, lat)[2] * distance).T, bins=(cell_edges,) * 3)
+    cell_centres = (cell_edges[1:] + cell_edges[:-1]) / 2
     cells = np.stack(np.meshgrid(cell_centres, cell_centres, cell_centres, indexing="ij"))
-    radius = np.sqrt(np.sum(cells**2, 0))
-    is_seen, visible_share = radius < farthest, 1.0
+    cell_radius = np.sqrt(np.sum(cells**2, 0))
+    is_seen, visible_share = cell_radius < farthest, 1.0
     if visible is not None:
         visible = np.asarray(visible, bool)
         nside = check_nside(round(np.sqrt(visible.size / 12)))
         if visible.shape != (12 * nside**2,):
             raise ParameterError(f"visible is a HEALPix map, of 12 nside² pixels, not of shape {visible.shape}")
-        is_seen &= visible[pixels_of(*angles(cells.reshape(3, -1)), nside)].reshape(radius.shape)
+        is_seen &= visible[pixels_of(*angles(cells.reshape(3, -1)), nside)].reshape(cell_radius.shape)
         visible_share = float(visible.mean())
         distance = distance[visible[pixels_of(lon, lat, nside)]]
     shells = farthest * np.linspace(0, 1, _N_SHELLS + 1) ** (1 / 3)
     volume = 4 / 3 * np.pi * visible_share * np.diff(shells**3)
-    at = ((shells[1:] ** 3 + shells[:-1] ** 3) / 2) ** (1 / 3)
+    centres = ((shells[1:] ** 3 + shells[:-1] ** 3) / 2) ** (1 / 3)
     density = np.histogram(distance, shells)[0] / volume
-    has_galaxies = density > 0
-    cubic = np.polyfit(at[has_galaxies], np.log(density[has_galaxies]), 3, w=np.sqrt((density * volume)[has_galaxies]))
-    mean_counts = np.exp(np.polyval(cubic, np.clip(radius, at[0], at[-1]))) * step**3
+    is_filled = density > 0
+    cubic = np.polyfit(centres[is_filled], np.log(density[is_filled]), 3, w=np.sqrt((density * volume)[is_filled]))
+    mean_counts = np.exp(np.polyval(cubic, np.clip(cell_radius, centres[0], centres[-1]))) * step**3
     contrast = np.where(is_seen, counts / mean_counts - 1, 0.0)
     contrast[is_seen] -= contrast[is_seen].mean()
-    k = wave_vectors(size, step)
-    smoothed = np.fft.rfftn(contrast) * np.exp(-np.sum(k**2, 0) * smoothing**2 / 2)
-    return VelocityGrid(compute_velocities(smoothed, k, beta), half_width - step / 2, frame)
+    k = make_wave_vectors(size, step)
+    smoothed_transform = np.fft.rfftn(contrast) * np.exp(-np.sum(k**2, 0) * smoothing**2 / 2)
+    return VelocityGrid(compute_linear_velocities(smoothed_transform, k, beta), half_width - step / 2, frame)
 
 
-def wave_vectors(size: int, step: float) -> FloatArray:
+def make_wave_vectors(size: int, step: float) -> FloatArray:
     """Wave vectors of the Fourier transform of a real field on a cube of `size`³ cells, (3, size, size, size/2 + 1)."""
     wave_numbers = 2 * np.pi * np.fft.fftfreq(size, step)
     return np.stack(np.meshgrid(wave_numbers, wave_numbers, np.abs(wave_numbers[: size // 2 + 1]), indexing="ij"))
 
 
-def compute_velocities(density: FloatArray, k: FloatArray, beta: float) -> FloatArray:
+def compute_linear_velocities(contrast_transform: FloatArray, k: FloatArray, beta: float) -> FloatArray:
     """Compute velocities of linear theory on a cube, (3, size, size, size), v(k) = i β H δ(k) k/k². [km/s]"""
-    square = np.sum(k**2, 0)
-    square[0, 0, 0] = 1.0  # a uniform density pulls nowhere
-    pull, shape = 1j * beta * HUBBLE * density / square, (k.shape[1],) * 3
-    return np.stack([np.fft.irfftn(pull * component, shape, axes=(0, 1, 2)) for component in k])
+    k_squared = np.sum(k**2, 0)
+    k_squared[0, 0, 0] = 1.0  # a uniform density pulls nowhere
+    pull_factor, grid_shape = 1j * beta * HUBBLE * contrast_transform / k_squared, (k.shape[1],) * 3
+    return np.stack([np.fft.irfftn(pull_factor * component, grid_shape, axes=(0, 1, 2)) for component in k])
 
 
 #: Beyond this distance flows move nobody's estimate: sources there have independent velocities. [Mpc/h]
@@ -442,8 +442,8 @@ class FlowModes(Frozen):
         radial : (n, p) array
             Outwards. [km/s]
         """
-        across, along = self._interpolate_functions(np.asarray(distance, float))
-        return self._compute_mode_velocities(np.asarray(lon, float), np.asarray(lat, float), across, along)
+        tangential, radial = self._interpolate_functions(np.asarray(distance, float))
+        return self._compute_mode_velocities(np.asarray(lon, float), np.asarray(lat, float), tangential, radial)
 
     def at_origin(self) -> FloatArray:
         """Velocity where we are by each mode, (3, p), along the axes of the positions. [km/s]"""
@@ -464,25 +464,25 @@ class FlowModes(Frozen):
         tuple[array, array]
             [(km/s)²]
         """
-        across, along = self._interpolate_functions(np.asarray(distance, float))
+        tangential, radial = self._interpolate_functions(np.asarray(distance, float))
         l = np.repeat(np.arange(len(self.counts)), self.counts)
         share = (2 * l + 1) / (4 * np.pi)  # Σ_m |S_lm|² = Σ_m |Y_lm|²
         total = self.theory.sigma**2
-        return np.maximum(total - across**2 @ share / 2, 0.0), np.maximum(total - along**2 @ share, 0.0)
+        return np.maximum(total - tangential**2 @ share / 2, 0.0), np.maximum(total - radial**2 @ share, 0.0)
 
     @cached_property
-    def _spline(self):
-        return _fit_spline(np.log(self.radii), np.hstack([self.tangential, self.radial]))
+    def _function_spline(self):
+        return _fit_cubic_spline(np.log(self.radii), np.hstack([self.tangential, self.radial]))
 
     @cached_property
     def _tangential_spline(self):
-        return _fit_spline(np.log(self.radii), self.tangential)
+        return _fit_cubic_spline(np.log(self.radii), self.tangential)
 
     def _interpolate_functions(self, distance):
         """Interpolate the functions of distance at sources: two (n, f) arrays; zero beyond the last radius."""
-        return np.split(self._interpolate(self._spline, distance), 2, axis=1)
+        return np.split(self._interpolate_spline(self._function_spline, distance), 2, axis=1)
 
-    def _interpolate(self, spline, distance):
+    def _interpolate_spline(self, spline, distance):
         values = spline(np.log(np.clip(distance, self.radii[0], self.radii[-1])))
         values[distance > self.radii[-1] * (1 + 1e-9)] = 0.0
         return values
@@ -504,37 +504,37 @@ class FlowModes(Frozen):
         (p, 2, n) array
             [km/s, times `turn`]
         """
-        across = self._interpolate(self._tangential_spline, np.asarray(distance, float))
-        t = toroidal_harmonics(lon, lat, max(len(self.counts) - 1, 1))
-        harmonics = np.empty_like(t)
+        tangential = self._interpolate_spline(self._tangential_spline, np.asarray(distance, float))
+        toroidal = toroidal_harmonics(lon, lat, max(len(self.counts) - 1, 1))
+        harmonics = np.empty_like(toroidal)
         for axis in range(2):  # S is (−n, e) of T
-            np.multiply(t[:, 0], turn[axis, 1], out=harmonics[:, axis])
-            harmonics[:, axis] -= turn[axis, 0] * t[:, 1]
-        return self._multiply(harmonics, across, 1)
+            np.multiply(toroidal[:, 0], turn[axis, 1], out=harmonics[:, axis])
+            harmonics[:, axis] -= turn[axis, 0] * toroidal[:, 1]
+        return self._make_modes(harmonics, tangential, 1)
 
-    def _compute_mode_velocities(self, lon, lat, across, along):
+    def _compute_mode_velocities(self, lon, lat, tangential, radial):
         """Compute functions of distance times harmonics, normalised to one over the sphere."""
         lmax = len(self.counts) - 1
         y = scalar_harmonics(lon, lat, lmax)
         s = spheroidal_twin(toroidal_harmonics(lon, lat, max(lmax, 1)))
-        return self._multiply(s, across, 1).transpose(1, 2, 0), self._multiply(y[:, None], along, 0)[:, 0].T
+        return self._make_modes(s, tangential, 1).transpose(1, 2, 0), self._make_modes(y[:, None], radial, 0)[:, 0].T
 
-    def _multiply(self, harmonics, functions, lowest):
+    def _make_modes(self, harmonics, functions, lowest):
         """Multiply harmonics from a lowest degree on, (m, c, n), by functions of distance, (n, f): modes, (p, c, n)."""
         modes = np.empty((len(self), *harmonics.shape[1:]))
-        column = start = 0
+        mode_start = function_start = 0
         functions = functions.T
         for l, count in enumerate(self.counts):
-            view = modes[column : column + (2 * l + 1) * count].reshape(2 * l + 1, count, *modes.shape[1:])
+            mode_view = modes[mode_start : mode_start + (2 * l + 1) * count].reshape(2 * l + 1, count, *modes.shape[1:])
             if l < lowest:
-                view[:] = 0.0
+                mode_view[:] = 0.0
             else:
-                block = harmonics[l * l - lowest : (l + 1) ** 2 - lowest, None]
-                of_distance = functions[start : start + count, None]
-                np.multiply(block[0], of_distance, out=view[0])
+                degree_harmonics = harmonics[l * l - lowest : (l + 1) ** 2 - lowest, None]
+                degree_functions = functions[function_start : function_start + count, None]
+                np.multiply(degree_harmonics[0], degree_functions, out=mode_view[0])
                 # A real field has m ≥ 0 alone, each counted twice.
-                np.multiply(block[1:], of_distance / np.sqrt(2), out=view[1:])
-            column, start = column + (2 * l + 1) * count, start + count
+                np.multiply(degree_harmonics[1:], degree_functions / np.sqrt(2), out=mode_view[1:])
+            mode_start, function_start = mode_start + (2 * l + 1) * count, function_start + count
         return modes
 
 
@@ -578,16 +578,16 @@ def flow_modes(
     if n_modes < 3:
         raise ParameterError(f"n_modes must be at least 3, not {n_modes}: the first three are the bulk flow")
     nearest, farthest = max(nearest, _NEAREST), min(max(farthest, 1.5 * _NEAREST), FARTHEST)
-    return _choose_modes(nearest, farthest, n_modes, theory, max_degree)
+    return _choose_strongest_modes(nearest, farthest, n_modes, theory, max_degree)
 
 
 @lru_cache(maxsize=64)  # reused for many realisations of the same sources
-def _choose_modes(nearest, farthest, n_modes, theory, max_degree):
+def _choose_strongest_modes(nearest, farthest, n_modes, theory, max_degree):
     radii = np.geomspace(nearest, farthest, _N_RADII)
-    k, step = _make_wave_numbers(farthest)
+    k, step = _make_wave_numbers_and_steps(farthest)
     amplitude = theory.growth_rate * HUBBLE * np.sqrt(2 / np.pi * theory.power_at(k) * step) / k
-    weight = np.sqrt(np.gradient(radii)) * radii
-    weight /= np.sqrt(np.sum(weight**2))
+    radial_weight = np.sqrt(np.gradient(radii)) * radii
+    radial_weight /= np.sqrt(np.sum(radial_weight**2))
     kr = np.outer(radii, k)
     powers, functions = [], []
     bessel = spherical_jn(0, kr)
@@ -598,8 +598,8 @@ def _choose_modes(nearest, farthest, n_modes, theory, max_degree):
             slope = previous_bessel - (l + 1) / kr * bessel
         tangential = np.sqrt(l * (l + 1)) * bessel / radii[:, None] * amplitude
         radial = slope * k * amplitude
-        matrix = np.vstack([tangential, radial]) * np.tile(weight, 2)[:, None]
-        _, singular_values, right_vectors = np.linalg.svd(matrix, full_matrices=False)
+        weighted_matrix = np.vstack([tangential, radial]) * np.tile(radial_weight, 2)[:, None]
+        _, singular_values, right_vectors = np.linalg.svd(weighted_matrix, full_matrices=False)
         origin = k / 3 * amplitude if l == 1 else np.zeros_like(k)
         leading_vectors = right_vectors[: n_modes // (2 * l + 1) + 1].T
         powers.append(singular_values[: leading_vectors.shape[1]] ** 2)
@@ -609,18 +609,18 @@ def _choose_modes(nearest, farthest, n_modes, theory, max_degree):
             break
     power, degree = np.concatenate(powers), np.repeat(np.arange(len(powers)), list(map(len, powers)))
     order = np.argsort(-power, kind="stable")
-    bulk = order[degree[order] == 1][0]
-    order = np.r_[bulk, order[order != bulk]]
+    bulk_index = order[degree[order] == 1][0]
+    order = np.r_[bulk_index, order[order != bulk_index]]
     order = order[np.cumsum(2 * degree[order] + 1) <= n_modes]
     selection = order[np.lexsort([-power[order], degree[order]])]
     selected = (np.concatenate(columns, axis=-1)[..., selection] for columns in zip(*functions, strict=True))
     return FlowModes(theory, tuple(np.bincount(degree[selection]).tolist()), radii, *selected)
 
 
-def _make_wave_numbers(farthest, highest=0.6):
+def _make_wave_numbers_and_steps(farthest, highest=0.6):
     """Make wave numbers and the step at each: even in ln k where k is small, fine enough for the largest distance."""
-    small = np.geomspace(2e-4, 0.02, 40)
-    edges = np.sqrt(small[1:] * small[:-1])
+    low = np.geomspace(2e-4, 0.02, 40)
+    edges = np.sqrt(low[1:] * low[:-1])
     step = min(0.004, 0.6 / farthest)
-    large = np.arange(0.02 + step / 2, highest, step)
-    return np.r_[small, large], np.r_[np.diff(np.r_[small[0] ** 2 / edges[0], edges, 0.02]), np.full(large.size, step)]
+    high = np.arange(0.02 + step / 2, highest, step)
+    return np.r_[low, high], np.r_[np.diff(np.r_[low[0] ** 2 / edges[0], edges, 0.02]), np.full(high.size, step)]

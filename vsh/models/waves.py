@@ -41,16 +41,16 @@ def wave_motions(lon: ArrayLike, lat: ArrayLike, direction: ArrayLike, plus: flo
         Rates of strain of the two polarisations. [µas/yr]
     """
     k, lon = unit_vector(direction), np.atleast_1d(float_array("lon", lon))
-    p, q, r = triad(lon, float_array("lat", np.atleast_1d(lat), lon.shape))
+    east, north, r = triad(lon, float_array("lat", np.atleast_1d(lat), lon.shape))
     tensor = number("plus", plus) * _make_strain_tensor(k, 1, 0) + number("cross", cross) * _make_strain_tensor(k, 0, 1)
-    strained = tensor @ r
-    numerator = np.sum(r * strained, axis=0)
+    strained_r = tensor @ r
+    numerator = np.sum(r * strained_r, axis=0)
     denominator = 1 + k @ r
     # Where the wave comes from, both rᵀhr and 1 + k·r are zero to second order: the quotient is finite, and r + k zero.
     with np.errstate(divide="ignore", invalid="ignore"):
         quotient = np.where(denominator > 1e-12, numerator / denominator, 0.0)
-    motion = ((r + k[:, None]) * quotient - strained) / 2
-    return np.stack([np.sum(motion * p, axis=0), np.sum(motion * q, axis=0)])
+    motion = ((r + k[:, None]) * quotient - strained_r) / 2
+    return np.stack([np.sum(motion * east, axis=0), np.sum(motion * north, axis=0)])
 
 
 def _make_strain_tensor(k, plus, cross):
@@ -70,7 +70,7 @@ def unit_vector(direction: ArrayLike) -> FloatArray:
     return vector / np.linalg.norm(vector)
 
 
-def degree_amplitudes(lmax: int) -> FloatArray:
+def compute_degree_amplitudes(lmax: int) -> FloatArray:
     """c_l = (−1)^l √(π α_l/6), coefficients of a wave of unit rate along z, (lmax,), α_l those of a background."""
     l = np.arange(1, arguments.whole("lmax", lmax) + 1)
     return np.asarray((-1.0) ** l * np.sqrt(np.pi * wave_fractions(lmax) / 6), float)
@@ -101,29 +101,29 @@ def wave_coefficients(direction: ArrayLike, plus: float, cross: float = 0.0, *, 
 
 def wave_templates(directions: FloatArray, lmax: int) -> FloatArray:
     """The coefficients of both polarisations for many directions, (2, p, n)."""
-    modes, amplitude = Modes(lmax), degree_amplitudes(lmax)
+    modes, amplitude = Modes(lmax), compute_degree_amplitudes(lmax)
     lon, lat = angles(directions)
-    tilts, index = np.unique(np.pi / 2 - lat, return_inverse=True)
+    tilts, tilt_index = np.unique(np.pi / 2 - lat, return_inverse=True)
     templates = np.zeros((2, len(modes), directions.shape[1]))
     for l in range(2, lmax + 1):
         re_row, im_row = 2 * 2 - 1, 2 * 2  # of order 2 within a degree
         columns = np.zeros((2 * l + 1, 4))  # of T and S, plus and cross
         for column, (row, sign) in enumerate(((im_row, 1), (re_row, 1), (re_row, -1), (im_row, 1))):
             columns[row, column] = sign * amplitude[l - 1]
-        tilted_columns = np.array([degree_matrix(l, np.array([0.0, tilt, 0.0])) @ columns for tilt in tilts])[index]
-        coefficients = _rotate_about_z(tilted_columns, lon, l)
+        tilted_waves = np.array([degree_matrix(l, np.array([0.0, tilt, 0.0])) @ columns for tilt in tilts])[tilt_index]
+        coefficients = _rotate_about_z(tilted_waves, lon, l)
         for polarisation in range(2):
             templates[polarisation, modes.slice_of("T", l)] = coefficients[:, :, polarisation].T
             templates[polarisation, modes.slice_of("S", l)] = coefficients[:, :, 2 + polarisation].T
     return templates
 
 
-def _rotate_about_z(values, angle, l):
+def _rotate_about_z(coefficients, angle, l):
     """Coefficients of one degree, (n, 2l + 1, …), turned about z by an angle each: f e^{−imφ}."""
-    rotated = values.copy()
+    rotated = coefficients.copy()
     m = np.arange(1, l + 1)
     cos, sin = (function(np.multiply.outer(angle, m))[..., None] for function in (np.cos, np.sin))
-    re, im = values[:, 1::2], values[:, 2::2]
+    re, im = coefficients[:, 1::2], coefficients[:, 2::2]
     rotated[:, 1::2], rotated[:, 2::2] = cos * re + sin * im, cos * im - sin * re
     return rotated
 

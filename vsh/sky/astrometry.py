@@ -57,19 +57,19 @@ def propagate(
     p, q, r = triad(lon, lat)
     # Lengths are in units of the distance at `start`; b is the position of the star at `end`.
     zeta = velocity * parallax * UAS / AU_PER_YEAR
-    moving = (p * motion[0] + q * motion[1]) * UAS
-    b, rate = r * (1 + zeta * t) + moving * t, r * zeta + moving
+    transverse_rate = (p * motion[0] + q * motion[1]) * UAS
+    b, rate = r * (1 + zeta * t) + transverse_rate * t, r * zeta + transverse_rate
     f = 1 / np.linalg.norm(b, axis=0)
     r_end = b * f
     radial_rate = np.sum(r_end * rate, 0)
-    across = f * (rate - r_end * radial_rate)
+    sky_motion = f * (rate - r_end * radial_rate)
     if light_time:
         propagated = _propagate_with_erfa(lon, lat, parallax, motion, velocity, start, end)
     else:
         new_lon, new_lat = angles(r_end)
         p_end, q_end, _ = triad(new_lon, new_lat)
         propagated = np.stack(
-            [new_lon, new_lat, parallax * f, np.sum(p_end * across, 0) / UAS, np.sum(q_end * across, 0) / UAS]
+            [new_lon, new_lat, parallax * f, np.sum(p_end * sky_motion, 0) / UAS, np.sum(q_end * sky_motion, 0) / UAS]
         )
     p_end, q_end, _ = triad(propagated[0], propagated[1])
     jacobian = np.empty((len(lon), 5, 5))
@@ -77,25 +77,25 @@ def propagate(
     # The local axes turn with the position, and so the components of the motion change.
     turn_p = (np.tan(lat) * (q * motion[0] - p * motion[1]) - r * motion[0]) * UAS
     turn_q = -r * motion[1] * UAS
-    columns = (
+    derivatives = (
         (p * (1 + zeta * t) + turn_p * t, p * zeta + turn_p, 0.0),
         (q * (1 + zeta * t) + turn_q * t, q * zeta + turn_q, 0.0),
         (by_parallax * t, by_parallax, 1.0),
         (p * t, p, 0.0),
         (q * t, q, 0.0),
     )
-    for k, (db, drate, dparallax) in enumerate(columns):
+    for k, (db, drate, dparallax) in enumerate(derivatives):
         df = -(f**2) * np.sum(r_end * db, 0)
         dr = f * db + b * df
-        dacross = df / f * across + f * (
+        dsky_motion = df / f * sky_motion + f * (
             drate - dr * radial_rate - r_end * (np.sum(dr * rate, 0) + np.sum(r_end * drate, 0))
         )
         east = np.sum(p_end * dr, 0)
-        turn = np.tan(propagated[1]) * east * np.stack([np.sum(q_end * across, 0), -np.sum(p_end * across, 0)])
+        turn = np.tan(propagated[1]) * east * np.stack([np.sum(q_end * sky_motion, 0), -np.sum(p_end * sky_motion, 0)])
         jacobian[:, 0, k], jacobian[:, 1, k] = east, np.sum(q_end * dr, 0)
         jacobian[:, 2, k] = dparallax * f + parallax * UAS * df
-        jacobian[:, 3, k] = np.sum(p_end * dacross, 0) + turn[0]
-        jacobian[:, 4, k] = np.sum(q_end * dacross, 0) + turn[1]
+        jacobian[:, 3, k] = np.sum(p_end * dsky_motion, 0) + turn[0]
+        jacobian[:, 4, k] = np.sum(q_end * dsky_motion, 0) + turn[1]
     return propagated, jacobian
 
 
@@ -133,9 +133,9 @@ def add_positions(covariance: ArrayLike, position_covariance: ArrayLike, years: 
     design = np.zeros((len(covariance), 2, 5))
     design[:, [0, 1], [0, 1]] = 1.0
     design[:, [0, 1], [3, 4]] = np.broadcast_to(years, len(covariance))[:, None]
-    projected = design @ covariance
-    gain = np.linalg.solve(projected @ design.swapaxes(1, 2) + position_covariance, projected)
-    return covariance - projected.swapaxes(1, 2) @ gain
+    projected_covariance = design @ covariance
+    gain = np.linalg.solve(projected_covariance @ design.swapaxes(1, 2) + position_covariance, projected_covariance)
+    return covariance - projected_covariance.swapaxes(1, 2) @ gain
 
 
 def _propagate_with_erfa(lon, lat, parallax, motion, velocity, start, end):
@@ -269,28 +269,28 @@ class AstrometryRows(Frozen):
             "nothing measured that has an error": ~is_measured.any(1),
             "|dec| > 90°": np.abs(self.lat) > np.pi / 2 * (1 + 1e-14),
             "a position with only one coordinate": is_measured[:, 0] != is_measured[:, 1],
-            "a covariance that is not positive definite": ~self._find_positive_definite(is_measured),
+            "a covariance that is not positive definite": ~self._find_definite_covariances(is_measured),
         }
-        _, inverse, count = np.unique(self._find_keys(), axis=0, return_inverse=True, return_counts=True)
-        unusable_rows["the same row twice"] = count[inverse.ravel()] > 1
-        messages = [
+        _, key_numbers, n_same = np.unique(self._make_row_keys(), axis=0, return_inverse=True, return_counts=True)
+        unusable_rows["the same row twice"] = n_same[key_numbers.ravel()] > 1
+        complaints = [
             f"{reason}: {int(mask.sum())} ({one_line_text(self.name[mask][0])} in {self.catalogue[mask][0]}, "
             f"row {int(mask.argmax())})"
             for reason, mask in unusable_rows.items()
             if mask.any()
         ]
-        if messages:
+        if complaints:
             raise FieldError(
-                f"some of the {len(self)} rows cannot be used: {'; '.join(messages)}; rows are counted from 0. "
+                f"some of the {len(self)} rows cannot be used: {'; '.join(complaints)}; rows are counted from 0. "
                 "Correct them or leave them out"
             )
 
-    def _find_keys(self):
+    def _make_row_keys(self):
         """Return the values that identify each row; rows with equal values are duplicates."""
         catalogue_index = np.unique(self.catalogue, return_inverse=True)[1].ravel()
         return np.nan_to_num(np.column_stack([self.source, catalogue_index, self.epoch, self.values.T]), nan=-1e300)
 
-    def _find_positive_definite(self, is_measured):
+    def _find_definite_covariances(self, is_measured):
         pair_mask = is_measured[:, :, None] & is_measured[:, None, :]
         diagonal = np.eye(5, dtype=bool)
         sigma = np.sqrt(np.where(is_measured, np.diagonal(self.covariance, axis1=1, axis2=2), 1.0))
@@ -334,9 +334,9 @@ class AstrometryRows(Frozen):
     @property
     def source(self) -> IntArray:
         """Number of the source of each row, from 0 by first appearance; case and blanks in names are ignored."""
-        keys = ["".join(name.split()).casefold() for name in self.name.tolist()]
-        numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
-        return np.array([numbers[key] for key in keys])
+        name_keys = ["".join(name.split()).casefold() for name in self.name.tolist()]
+        numbers = {key: number for number, key in enumerate(dict.fromkeys(name_keys))}
+        return np.array([numbers[key] for key in name_keys])
 
     @property
     def values(self) -> FloatArray:

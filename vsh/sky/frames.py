@@ -34,7 +34,7 @@ MEASURED_KEY = "MEASURED"
 ANGLES = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}
 
 
-def title_of(frame: str) -> str:
+def format_frame_name(frame: str) -> str:
     """Name of a frame as it is written in figures and papers."""
     return frame.upper() if frame == "icrs" else frame
 
@@ -81,7 +81,7 @@ def rotation_matrix(frame: str, to: str) -> FloatArray:
     >>> rotation_matrix("galactic", "icrs")[:, 0].round(4)
     array([-0.0549, -0.8734, -0.4838])
     """
-    return _compute_rotation(check_frame(frame), check_frame(to))
+    return _compute_rotation_matrix(check_frame(frame), check_frame(to))
 
 
 #: From ICRS, as astropy has them: its Galactic frame, and the mean ecliptic and equinox of J2000 (IAU 2006).
@@ -97,25 +97,25 @@ _FROM_ICRS = {
 
 
 @lru_cache
-def _compute_rotation(frame, target):
-    matrix = np.eye(3) if frame == target else _FROM_ICRS[target] @ _FROM_ICRS[frame].T
+def _compute_rotation_matrix(frame, target_frame):
+    matrix = np.eye(3) if frame == target_frame else _FROM_ICRS[target_frame] @ _FROM_ICRS[frame].T
     matrix.flags.writeable = False
     return matrix
 
 
-def rotate_motions(
+def rotate_astrometry(
     matrix: FloatArray, lon: FloatArray, lat: FloatArray, motion: FloatArray, sigma: FloatArray, rho: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Positions, motions and their errors along other axes."""
-    p, q, r = triad(lon, lat)
+    old_east, old_north, r = triad(lon, lat)
     new_lon, new_lat = angles(matrix @ r)
     # The old east and north along the new east: cosine and sine of the turn.
     east = triad(new_lon, new_lat)[0]
-    cos, sin = np.sum(east * (matrix @ p), 0), np.sum(east * (matrix @ q), 0)
+    cos, sin = np.sum(east * (matrix @ old_east), 0), np.sum(east * (matrix @ old_north), 0)
     mu, (s1, s2) = motion, sigma
     v1, v2, v12 = s1**2, s2**2, rho * s1 * s2
-    twist = 2 * cos * sin * v12
-    new_sigma = np.sqrt([cos**2 * v1 + sin**2 * v2 + twist, sin**2 * v1 + cos**2 * v2 - twist])
+    cross_term = 2 * cos * sin * v12
+    new_sigma = np.sqrt([cos**2 * v1 + sin**2 * v2 + cross_term, sin**2 * v1 + cos**2 * v2 - cross_term])
     covariance = cos * sin * (v2 - v1) + (cos**2 - sin**2) * v12
     new_motion = np.stack([cos * mu[0] + sin * mu[1], cos * mu[1] - sin * mu[0]])
     return new_lon, new_lat, new_motion, new_sigma, covariance / (new_sigma[0] * new_sigma[1])
@@ -139,14 +139,14 @@ _REDSHIFT_FRAME_PATTERNS = (
 
 def check_redshift_frame(value: Any) -> str:
     """A frame of redshifts by name."""
-    name = str(value).lower().replace("_", "-") if isinstance(value, str) else ""
-    name = {"barycentric": "heliocentric", "helio": "heliocentric"}.get(name, name)
-    if name not in REDSHIFT_FRAME_NAMES:
+    frame_name = str(value).lower().replace("_", "-") if isinstance(value, str) else ""
+    frame_name = {"barycentric": "heliocentric", "helio": "heliocentric"}.get(frame_name, frame_name)
+    if frame_name not in REDSHIFT_FRAME_NAMES:
         raise ParameterError(f"a redshift's frame is {', '.join(REDSHIFT_FRAME_NAMES)}, not {value!r}")
-    return name
+    return frame_name
 
 
-def redshift_frame_in(description: str | None) -> str | None:
+def parse_redshift_frame(description: str | None) -> str | None:
     """The frame of redshifts that a column's description tells, if it does."""
     frames = {name for pattern, name in _REDSHIFT_FRAME_PATTERNS if pattern.search(description or "")}
     return frames.pop() if len(frames) == 1 else None

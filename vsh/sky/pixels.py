@@ -70,7 +70,7 @@ def centres(nside: int, *, any_size: bool = False) -> tuple[FloatArray, FloatArr
 
 
 @arguments.accepts(density=arguments.array_with_dimensions(1), n=arguments.whole, rng=arguments.seed)
-def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, FloatArray]:
+def draw_map_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, FloatArray]:
     """n positions drawn with the density of a HEALPix map, evenly within each pixel."""
     rng = generator(rng)
     density = np.ma.filled(np.ma.asarray(density, float), 0.0).ravel()
@@ -87,8 +87,8 @@ def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, 
     # Evenly within a pixel: one of its 4^k children, then a shift below their size. In nested order
     # a pixel's children are consecutive.
     nside_ratio = max(1, min(8192, 2**29 // nside) // nside)
-    children = Healpix_Base(nside, "RING").ring2nest(pixels) * nside_ratio**2 + rng.integers(nside_ratio**2, size=n)
-    theta, phi = Healpix_Base(nside * nside_ratio, "NEST").pix2ang(children).T
+    child_pixels = Healpix_Base(nside, "RING").ring2nest(pixels) * nside_ratio**2 + rng.integers(nside_ratio**2, size=n)
+    theta, phi = Healpix_Base(nside * nside_ratio, "NEST").pix2ang(child_pixels).T
     return phi, np.pi / 2 - theta
 
 
@@ -111,9 +111,9 @@ def smooth_map(values: ArrayLike, width: float) -> FloatArray:
 
 def mean_map(lon: ArrayLike, lat: ArrayLike, values: ArrayLike, nside: int) -> FloatArray:
     """The mean of the sources' values in each pixel, nan in empty ones."""
-    pixel = pixels_of(lon, lat, nside)
-    count = np.bincount(pixel, minlength=12 * nside**2)
+    pixels = pixels_of(lon, lat, nside)
+    counts = np.bincount(pixels, minlength=12 * nside**2)
     values = np.asarray(values, float)
-    sums = [np.bincount(pixel, weights=row, minlength=12 * nside**2) for row in np.atleast_2d(values)]
+    sums = [np.bincount(pixels, weights=row, minlength=12 * nside**2) for row in np.atleast_2d(values)]
     with np.errstate(invalid="ignore"):
-        return (np.array(sums) / np.where(count, count, np.nan)).reshape(*values.shape[:-1], -1)
+        return (np.array(sums) / np.where(counts, counts, np.nan)).reshape(*values.shape[:-1], -1)

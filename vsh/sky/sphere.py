@@ -98,10 +98,10 @@ def widest_gap(lon: FloatArray, lat: FloatArray, most: int = 10_000) -> tuple[fl
     """
     selection = select_share(most / max(len(lon), 1), lon, lat)
     directions = _make_spiral_directions()
-    cosines = (triad(lon[selection], lat[selection])[2].T @ directions).max(0, initial=-1.0)
-    widest = int(cosines.argmin())
-    gap_lon, gap_lat = angles(directions[:, widest])
-    return float(np.arccos(np.clip(cosines[widest], -1, 1))), float(gap_lon), float(gap_lat)
+    nearest_cosines = (triad(lon[selection], lat[selection])[2].T @ directions).max(0, initial=-1.0)
+    widest_index = int(nearest_cosines.argmin())
+    gap_lon, gap_lat = angles(directions[:, widest_index])
+    return float(np.arccos(np.clip(nearest_cosines[widest_index], -1, 1))), float(gap_lon), float(gap_lat)
 
 
 @cache

@@ -68,8 +68,8 @@ def choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
     """Check that a value is one of some words."""
     if not isinstance(choices, (tuple, list)):
         raise ParameterError(f"choices are a tuple, not {type(choices).__name__}")
-    for choice in choices:
-        if value is choice or (isinstance(value, (str, int)) and type(value) is type(choice) and value == choice):
+    for allowed in choices:
+        if value is allowed or (isinstance(value, (str, int)) and type(value) is type(allowed) and value == allowed):
             return value
     raise ParameterError(f"{name} must be one of {', '.join(map(repr, choices))}, not {value!r}")
 
@@ -105,27 +105,27 @@ def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
         call_signature = signature(function)
 
         @wraps(function)
-        def checked(*arguments, **options):
+        def call_checked(*arguments, **options):
             try:
-                bound = call_signature.bind(*arguments, **options)
+                bound_arguments = call_signature.bind(*arguments, **options)
             except TypeError:
                 try:
                     return function(*arguments, **options)  # whose own error names it
                 except TypeError as error:
                     raise unknown_argument_error(function, error) from None
-            bound.apply_defaults()
+            bound_arguments.apply_defaults()
             for name, check in checks.items():
-                value = bound.arguments[name]
+                value = bound_arguments.arguments[name]
                 if not (value is None and call_signature.parameters[name].default is None):
-                    bound.arguments[name] = check(name, value)
-            return function(*bound.args, **bound.kwargs)
+                    bound_arguments.arguments[name] = check(name, value)
+            return function(*bound_arguments.args, **bound_arguments.kwargs)
 
-        return checked
+        return call_checked
 
     return decorate
 
 
-def a(*kinds: type) -> Check:
+def a(*classes: type) -> Check:
     """A check that a value is of one of some classes.
 
     Examples
@@ -135,14 +135,14 @@ def a(*kinds: type) -> Check:
     vsh.tools.errors.ParameterError: n must be int, not str
     """
 
-    def check(name, value):
-        if not isinstance(value, kinds):
-            class_names = " or ".join(cls.__name__ for cls in kinds)
+    def check_class(name, value):
+        if not isinstance(value, classes):
+            class_names = " or ".join(cls.__name__ for cls in classes)
             remark = getattr(type(value), "not_taken", "")
             raise ParameterError(f"{name} must be {class_names}, not {type(value).__name__}{remark}")
         return value
 
-    return check
+    return check_class
 
 
 def seed(name: str, value: Any) -> Any:
@@ -217,11 +217,11 @@ def covariance(name: str, value: Any, size: int) -> FloatArray:
 
 def indices(name: str, value: Any, n: int) -> IntArray:
     """Indices of some of n things, given by indices, a mask or a slice; all where None is given."""
-    everything = np.arange(n)
+    all_indices = np.arange(n)
     if value is None:
-        return everything
+        return all_indices
     try:
-        rows = everything[value if isinstance(value, slice) else np.asarray(value)]
+        rows = all_indices[value if isinstance(value, slice) else np.asarray(value)]
     except (IndexError, TypeError, ValueError) as error:
         raise ParameterError(f"{name} are indices or a mask of {n}: {first_line(error)}") from None
     if rows.ndim != 1:
@@ -239,7 +239,7 @@ def read_only(array: ArrayLike) -> FloatArray:
 def array_with_dimensions(size: int) -> Callable[[str, Any], FloatArray]:
     """A check for a float array of so many dimensions."""
 
-    def check(name, value):
+    def check_dimensions(name, value):
         array = float_array(name, value, finite=False)
         if array.ndim != size:
             raise ParameterError(
@@ -247,4 +247,4 @@ def array_with_dimensions(size: int) -> Callable[[str, Any], FloatArray]:
             )
         return array
 
-    return check
+    return check_dimensions

@@ -11,7 +11,7 @@ from fit.in_time import Functions, normal_equations, solve, waves
 from sim.agis import Response
 from vsh import Coefficients, DegeneracyError, Modes, ModesError, ParameterError
 from vsh.basis import harmonics
-from vsh.io.epochs import Observations, design_row, read_observations
+from vsh.io.epochs import Observations, make_design_rows, read_observations
 from vsh.tools.errors import EmptyFieldError, TableError
 
 YEARS = 3.0
@@ -25,7 +25,7 @@ def observed(n=120, error=200.0, seed=1, true=None, functions=None, own=300.0):
     lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
     transits = LAW.transits(lon, lat)
     source, t = transits.source, transits.time - YEARS / 2
-    design = design_row(transits.angle, transits.parallax_factor, t)
+    design = make_design_rows(transits.angle, transits.parallax_factor, t)
     position = np.einsum("ki,ik->k", own * rng.normal(size=(n, 5))[source], design) + error * rng.normal(size=len(t))
     if true is not None:
         fields = np.einsum("fp,pcn->fcn", true, harmonics(lon, lat, Modes(2)))[:, :, source]

@@ -17,7 +17,7 @@ from fit.waves._search import (
     search_directions,
 )
 from vsh import DegeneracyError, Field, ModesError, ParameterError
-from vsh.io.epochs import Observations, design_row, read_observations
+from vsh.io.epochs import Observations, make_design_rows, read_observations
 from vsh.length import length_limits
 from vsh.models.waves import wave_motions
 
@@ -141,7 +141,7 @@ def observations(n=150, seed=1, frequency=1.3, amplitude=0.0):
     lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
     source, time = np.repeat(np.arange(n), 50), rng.uniform(-2.5, 2.5, 50 * n)
     angle, factor = rng.uniform(0, 2 * np.pi, 50 * n), rng.uniform(-0.7, 0.7, 50 * n)
-    design, error = design_row(angle, factor, time), np.full(50 * n, 100.0)
+    design, error = make_design_rows(angle, factor, time), np.full(50 * n, 100.0)
     own = rng.normal(0, 500, (n, 5))
     position = np.einsum("ki,ik->k", own[source], design) + error * rng.normal(size=50 * n)
     wave = amplitude * wave_motions(lon, lat, K, 1.0, 0.5)

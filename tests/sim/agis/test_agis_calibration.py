@@ -10,7 +10,7 @@ from sim import agis
 from sim.agis import Calibration
 from study.commands import waves
 from vsh import DegeneracyError, Modes, ParameterError
-from vsh.io.epochs import design_row
+from vsh.io.epochs import make_design_rows
 from vsh.sky.frames import rotation_matrix
 
 YEARS = 1.0
@@ -159,7 +159,7 @@ def test_prior_goes_from_free_to_none(quasars):
         )
         for source in range(len(quasars.lon)):  # a common parallax is as good as a basic angle that goes with cos Ω
             own = transits.source == source
-            root = np.linalg.qr(design_row(transits.angle, transits.parallax_factor, time)[:, own].T)[0]
+            root = np.linalg.qr(make_design_rows(transits.angle, transits.parallax_factor, time)[:, own].T)[0]
             fields[own] -= root @ (root.T @ fields[own])
         return np.sqrt(np.mean(fields.reshape(len(time), 2, -1)[..., modes.slice_of("S", 1)] ** 2))
 

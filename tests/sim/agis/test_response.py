@@ -10,7 +10,7 @@ from sim import agis
 from sim.agis import Calibration, Response
 from vsh import FrameError, Modes, ParameterError
 from vsh.basis import harmonics
-from vsh.io.epochs import Observations, design_row
+from vsh.io.epochs import Observations, make_design_rows
 from vsh.models.waves import wave_motions
 from vsh.sky.pixels import centres
 from vsh.sky.sphere import angles, triad
@@ -133,7 +133,7 @@ def test_calibration_of_the_basic_angle_takes_what_is_left(free, glide, second):
         left = response.left(*where, view=transits.view.astype(int))
         for source in range(len(lon)):  # what a common parallax and the basic angle share is the sources' own
             own = transits.source == source
-            root = np.linalg.qr(design_row(transits.angle, transits.parallax_factor, time)[:, own].T)[0]
+            root = np.linalg.qr(make_design_rows(transits.angle, transits.parallax_factor, time)[:, own].T)[0]
             left[own] -= root @ (root.T @ left[own])
         power.append(np.mean(left**2, 0).reshape(2, -1))
     one, two = np.zeros(len(modes), bool), modes.degrees == 2
@@ -187,7 +187,7 @@ def test_search_knows_the_response(coarse):
     source, time = transits.source, transits.time - YEARS / 2
     from vsh.models.waves import wave_templates
 
-    design = design_row(transits.angle, transits.parallax_factor, time)
+    design = make_design_rows(transits.angle, transits.parallax_factor, time)
     place, rate = 50, 2 * np.pi * 2.3
     k = triad(*centres(4))[2][:, [place]]
     modes = Modes(5)

@@ -7,7 +7,7 @@ from vsh.models.cosmology import (
     CMB_VELOCITY_PLANCK18,
     FLAT_PLANCK13,
     compute_redshift,
-    parallax_factor,
+    parallax_distance_ratio,
     transverse_distance,
     with_redshift,
 )
@@ -132,4 +132,4 @@ def test_parallax_distance_of_a_curved_space(curvature):
     if curvature:
         radius = 299792.458 / 67.3 / np.sqrt(abs(cosmology.Ok0))
         far = radius * (np.tan if curvature < 0 else np.tanh)(far / radius)
-    np.testing.assert_allclose(distance / far, parallax_factor(distance, cosmology), rtol=1e-9)
+    np.testing.assert_allclose(distance / far, parallax_distance_ratio(distance, cosmology), rtol=1e-9)

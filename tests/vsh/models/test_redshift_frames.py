@@ -11,7 +11,7 @@ import sim
 from vsh import Field
 from vsh.io import catalogue
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, LOCAL_GROUP, REDSHIFT_FRAMES, to_cmb, with_redshift
-from vsh.sky.frames import check_redshift_frame, redshift_frame_in
+from vsh.sky.frames import check_redshift_frame, parse_redshift_frame
 from vsh.tools.errors import FieldError, ParameterError
 
 C = 299792.458
@@ -52,7 +52,7 @@ def test_local_group_by_the_sun_in_it():
     ],
 )  # fmt: skip
 def test_descriptions(text, name):
-    assert redshift_frame_in(text) == name
+    assert parse_redshift_frame(text) == name
 
 
 def test_names():

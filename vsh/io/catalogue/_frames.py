@@ -14,7 +14,7 @@ from vsh.sky.frames import (
     REDSHIFT_FRAME_KEY,
     REDSHIFT_FRAME_NAMES,
     check_frame,
-    redshift_frame_in,
+    parse_redshift_frame,
     rotation_matrix,
 )
 from vsh.sky.sphere import angles, triad
@@ -192,7 +192,7 @@ def find_redshift_frame(column_of: Mapping[str, str], source: TableSource) -> st
     header_frame = next((value for key, value in source.meta.items() if str(key).upper() == REDSHIFT_FRAME_KEY), None)
     if header_frame in REDSHIFT_FRAME_NAMES:
         return str(header_frame)
-    return redshift_frame_in(source.descriptions.get(column_of["redshift"]))
+    return parse_redshift_frame(source.descriptions.get(column_of["redshift"]))
 
 
 def read_redshift_frame(frame_values: Any, source: TableSource) -> str | None:

@@ -13,7 +13,7 @@ from vsh.io.catalogue._names import ColumnRequest, Columns, find_derivable_colum
 from vsh.io.catalogue._read import add_zero_motions, stream_fields
 from vsh.io.columns import REQUIRED
 from vsh.io.parts import Dask, Engine, InProcess, Parts, Processes, delay_partitions, is_delayed
-from vsh.io.tables import RemotePath, TableSource, Where, check_alike, files_of, fingerprint_of, is_address, open_table
+from vsh.io.tables import RemotePath, TableSource, Where, check_layout, files_of, fingerprint_of, is_address, open_table
 from vsh.tools.arguments import whole
 from vsh.tools.errors import ParameterError, TableError
 from vsh.tools.files import check_unchanged, file_stamp
@@ -170,7 +170,7 @@ def _find_layout(present, units, columns):
 
 def _check_same_columns(table, columns, label, layout):
     """Raise TableError unless a file has the columns of the first, and no others that a field would use."""
-    check_alike(table, label, layout)
+    check_layout(table, label, layout)
     unshared = [name for name in _read_layout(table, columns) if name not in layout]
     if unshared:
         raise TableError(f"{label} has no column {', '.join(unshared)}, which {table.label} has")

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from vsh.io.epochs._solve import COLOUR_PRIOR, FiveParameters, design_row, downweighting_factor, solve_epochs
+from vsh.io.epochs._solve import COLOUR_PRIOR, FiveParameters, downweighting_factor, make_design_rows, solve_epochs
 from vsh.tools.modules import lazy_names
 
 if TYPE_CHECKING:

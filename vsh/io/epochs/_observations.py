@@ -22,7 +22,7 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.archive import DR4
 from vsh.io.columns import missing_column, unit_factor
-from vsh.io.epochs._solve import COLOUR_PRIOR, design_row, solve_epochs
+from vsh.io.epochs._solve import COLOUR_PRIOR, make_design_rows, solve_epochs
 from vsh.tools.arguments import choice
 from vsh.tools.bad_rows import select_usable
 from vsh.tools.errors import EmptyFieldError, TableError
@@ -37,7 +37,7 @@ _TRUTH_WORDS = {"true": True, "t": True, "yes": True, "false": False, "f": False
 _MISSING_WORDS = ("", "null", "none", "nan", "--", "na", "<na>")
 
 
-def convert_column(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolArray, Any]:
+def convert_column_to_numbers(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolArray, Any]:
     """Turn a column into numbers: (n,), or (n, k) where a row holds several, shorter rows padded.
 
     Parameters
@@ -65,13 +65,13 @@ def convert_column(values: Any, mask: Any, name: str, label: str) -> tuple[Any, 
         If an entry is no number.
     """
     values = np.asarray(values)
-    mask = _broadcast_trailing(np.asarray(False if mask is None else mask, bool), values.shape)
+    mask = _broadcast_trailing_axes(np.asarray(False if mask is None else mask, bool), values.shape)
     if values.dtype.kind in "iufb":
         return values, mask, np.False_
     is_null_row = mask.all(axis=tuple(range(1, mask.ndim)))
     if values.dtype.kind in "SU":
         words = np.char.decode(values, "utf-8", "replace") if values.dtype.kind == "S" else values
-        entries = [_parse_word_or_list(text, name, label) for text in words]
+        entries = [_parse_list_or_word(word, name, label) for word in words]
     elif values.dtype.kind == "O" and values.ndim == 1:
         entries = list(values)
     else:
@@ -80,32 +80,32 @@ def convert_column(values: Any, mask: Any, name: str, label: str) -> tuple[Any, 
     entries = [None if is_null else entry for is_null, entry in zip(is_null_row, entries, strict=True)]
     if all(entry is None or np.ndim(entry) == 0 for entry in entries):
         return *_parse_numbers(entries, name, label), np.False_
-    rows = [_make_masked_row(entry) for entry in entries]
-    lengths = np.array([len(row) for row in rows])
-    is_entry = np.arange(lengths.max()) < lengths[:, None]
-    nonempty_rows = [row for row in rows if len(row)]
-    if all(row.dtype.kind in "iufb" for row in nonempty_rows) and len({row.dtype.kind for row in nonempty_rows}) == 1:
-        flat = np.concatenate([row.data for row in nonempty_rows])
-        is_masked = np.concatenate([np.ma.getmaskarray(row) for row in nonempty_rows])
+    masked_rows = [_make_masked_row(entry) for entry in entries]
+    lengths = np.array([len(row) for row in masked_rows])
+    has_entry = np.arange(lengths.max()) < lengths[:, None]
+    filled_rows = [row for row in masked_rows if len(row)]
+    if all(row.dtype.kind in "iufb" for row in filled_rows) and len({row.dtype.kind for row in filled_rows}) == 1:
+        numbers = np.concatenate([row.data for row in filled_rows])
+        is_masked = np.concatenate([np.ma.getmaskarray(row) for row in filled_rows])
     else:
-        flat, is_masked = _parse_numbers([entry for row in nonempty_rows for entry in _list_entries(row)], name, label)
-    matrix, is_absent = np.zeros(is_entry.shape, flat.dtype), np.zeros(is_entry.shape, bool)
-    matrix[is_entry], is_absent[is_entry] = flat, is_masked
+        numbers, is_masked = _parse_numbers([entry for row in filled_rows for entry in _list_entries(row)], name, label)
+    matrix, is_missing_entry = np.zeros(has_entry.shape, numbers.dtype), np.zeros(has_entry.shape, bool)
+    matrix[has_entry], is_missing_entry[has_entry] = numbers, is_masked
     # A row without a list, as of a transit whose arrays are null, is missing and no padding.
-    is_absent[is_null_row] = True
-    return matrix, is_absent, ~is_entry & ~is_null_row[:, None]
+    is_missing_entry[is_null_row] = True
+    return matrix, is_missing_entry, ~has_entry & ~is_null_row[:, None]
 
 
-def _broadcast_trailing(array, shape):
-    """Broadcast an array along further dimensions of a shape: what a transit has once, all its CCDs have."""
+def _broadcast_trailing_axes(array, shape):
+    """Broadcast an array along the trailing axes of a shape: what a transit has once, all its CCDs have."""
     return np.broadcast_to(array.reshape(array.shape + (1,) * (len(shape) - array.ndim)), shape)
 
 
-def _make_masked_row(entry):
+def _make_masked_row(row_entry):
     """Make a masked array of the entries of a row, an empty one of None."""
-    if entry is None:
+    if row_entry is None:
         return np.ma.array(np.zeros(0))
-    return np.ma.atleast_1d(np.ma.asarray(entry)).ravel()
+    return np.ma.atleast_1d(np.ma.asarray(row_entry)).ravel()
 
 
 def _list_entries(row):
@@ -116,11 +116,11 @@ def _list_entries(row):
 def _parse_numbers(entries, name, label):
     """Parse a list of numbers or bools, and find where there is none; integers keep all their digits."""
     is_missing = np.array([_is_missing(entry) for entry in entries], bool)
-    parsed = [_parse_word(entry) for entry, missing in zip(entries, is_missing, strict=True) if not missing]
+    parsed = [_parse_bool_or_number(entry) for entry, missing in zip(entries, is_missing, strict=True) if not missing]
     dtype_kinds = {"b" if isinstance(entry, (bool, np.bool_)) else np.asarray(entry).dtype.kind for entry in parsed}
     if not dtype_kinds <= set("iufb"):
-        other = next(entry for entry in parsed if np.asarray(entry).dtype.kind not in "iufb")
-        raise TableError(f"{label}: column {name!r} holds {other!r}, which is no number")
+        non_number = next(entry for entry in parsed if np.asarray(entry).dtype.kind not in "iufb")
+        raise TableError(f"{label}: column {name!r} holds {non_number!r}, which is no number")
     dtype: Any = bool if dtype_kinds == {"b"} else np.int64 if dtype_kinds <= set("iu") and dtype_kinds else float
     numbers = np.zeros(len(entries), dtype)
     if dtype is float:
@@ -138,7 +138,7 @@ def _is_missing(entry):
     return isinstance(entry, str) and entry.strip().lower() in _MISSING_WORDS
 
 
-def _parse_word(entry):
+def _parse_bool_or_number(entry):
     """Parse a word as a bool or a number; what is neither stays as it is."""
     if not isinstance(entry, str):
         return entry
@@ -158,12 +158,12 @@ _JSON_FORMS = {
 }  # fmt: skip
 
 
-def _parse_word_or_list(text, name, label):
+def _parse_list_or_word(word, name, label):
     """Parse text as a list where it writes one out; a word is stripped of blanks."""
-    text = str(text).strip()
-    if not text.startswith(("[", "(", "{")):
-        return text
-    json_text = "[" + text[1:-1] + "]"
+    word = str(word).strip()
+    if not word.startswith(("[", "(", "{")):
+        return word
+    json_text = "[" + word[1:-1] + "]"
     for pattern, json_form in _JSON_FORMS.items():
         json_text = re.sub(pattern, json_form, json_text)
     try:
@@ -171,7 +171,7 @@ def _parse_word_or_list(text, name, label):
     except ValueError:
         if "," not in json_text:  # as NumPy prints arrays
             return json_text[1:-1].split()
-        raise TableError(f"{label}: column {name!r} holds {text[:40]!r}, which is no list of numbers") from None
+        raise TableError(f"{label}: column {name!r} holds {word[:40]!r}, which is no list of numbers") from None
 
 
 #: From the preceding field to the following one, and back [minutes]; and by how much a pair may be off.
@@ -180,13 +180,13 @@ _SHORT_GAP, _LONG_GAP, _TOLERANCE = 106.5, 253.5, 4.0
 _CODES = {(0, 1): "as in the epochs of Gaia BH3", (1, 2): "as in the draft of DR4's data model"}
 
 
-def find_views(transit: Any, source: Any, time: Any) -> tuple[Any, str | None]:
+def find_fields_of_view(transit_id: Any, source: Any, time: Any) -> tuple[Any, str | None]:
     """Find the field of view of each observation.
 
     Parameters
     ----------
-    transit : (k,) int array
-        transit_id.
+    transit_id : (k,) int array
+        Number of the transit of each observation, with its field of view in two bits.
     source : (k,) array
         Source of each observation.
     time : (k,) array
@@ -199,22 +199,22 @@ def find_views(transit: Any, source: Any, time: Any) -> tuple[Any, str | None]:
     note : str or None
         How it was decided.
     """
-    code = (np.asarray(transit, np.int64) >> 15) & 3
-    codes = tuple(int(value) for value in np.unique(code))
+    view_codes = (np.asarray(transit_id, np.int64) >> 15) & 3
+    codes = tuple(int(unique_code) for unique_code in np.unique(view_codes))
     if len(codes) > 2:
         return None, (
             f"transit_id has the codes {', '.join(map(str, codes))} in bits 15 and 16, more than there are fields of "
             "view: it is not taken from there"
         )
-    earlier, later, gaps = _find_neighbours(transit, source, time)
+    earlier, later, gaps = _pair_neighbouring_transits(transit_id, source, time)
     near_short, near_long = np.abs(gaps - _SHORT_GAP) < _TOLERANCE, np.abs(gaps - _LONG_GAP) < _TOLERANCE
     # Which code comes first of a short pair, or last of a long one, is that of the preceding field.
-    leading = np.r_[code[earlier[near_short]], code[later[near_long]]]
-    trailing = np.r_[code[later[near_short]], code[earlier[near_long]]]
+    leading = np.r_[view_codes[earlier[near_short]], view_codes[later[near_long]]]
+    trailing = np.r_[view_codes[later[near_short]], view_codes[earlier[near_long]]]
     is_distinct = leading != trailing
     if is_distinct.any():
-        leading_codes, counts = np.unique(leading[is_distinct], return_counts=True)
-        preceding, n_agreeing = int(leading_codes[counts.argmax()]), int(counts.max())
+        distinct_codes, counts = np.unique(leading[is_distinct], return_counts=True)
+        preceding, n_agreeing = int(distinct_codes[counts.argmax()]), int(counts.max())
         if n_agreeing < 0.9 * len(leading):
             return None, (
                 f"transit_id contradicts the times between transits in {len(leading) - n_agreeing} of {len(leading)} "
@@ -224,14 +224,14 @@ def find_views(transit: Any, source: Any, time: Any) -> tuple[Any, str | None]:
             f"fields of view: code {preceding} of transit_id is the preceding one, by {n_agreeing} of {len(leading)} "
             "pairs of transits 106.5 or 253.5 minutes apart"
         )
-        return np.where(code == preceding, 1, -1), note
+        return np.where(view_codes == preceding, 1, -1), note
     if codes in _CODES:
-        return np.where(code == codes[0], 1, -1), (
+        return np.where(view_codes == codes[0], 1, -1), (
             f"fields of view: code {codes[0]} of transit_id is taken as the preceding one, {_CODES[codes]}; no two "
             "transits are near enough to tell"
         )
     if codes in ((0,), (2,)):
-        return np.full(len(code), 1 if codes == (0,) else -1), (
+        return np.full(len(view_codes), 1 if codes == (0,) else -1), (
             f"fields of view: all transits have code {codes[0]} of transit_id, taken as the "
             f"{'preceding' if codes == (0,) else 'following'} one"
         )
@@ -241,14 +241,14 @@ def find_views(transit: Any, source: Any, time: Any) -> tuple[Any, str | None]:
     )
 
 
-def _find_neighbours(transit, source, time):
-    """Find an observation of each transit and of the source's next one, and the time between them. [minutes]"""
-    order = np.lexsort([time, source])
-    is_start = np.r_[True, (np.diff(np.asarray(transit)[order]) != 0) | (np.diff(source[order]) != 0)]
-    starts = order[is_start]
-    same_source = source[starts][1:] == source[starts][:-1]
+def _pair_neighbouring_transits(transit_id, source_index, time):
+    """Pair an observation of each transit with one of the source's next one, and the time between them. [minutes]"""
+    order = np.lexsort([time, source_index])
+    is_transit_start = np.r_[True, (np.diff(np.asarray(transit_id)[order]) != 0) | (np.diff(source_index[order]) != 0)]
+    starts = order[is_transit_start]
+    is_same_source = source_index[starts][1:] == source_index[starts][:-1]
     gaps = np.diff(time[starts]) / 6e10
-    return starts[:-1][same_source], starts[1:][same_source], gaps[same_source]
+    return starts[:-1][is_same_source], starts[1:][is_same_source], gaps[is_same_source]
 
 
 #: What is needed of each observation; arrays of the CCDs of a transit, or a row each.
@@ -286,7 +286,7 @@ class Observations(Frozen):
     time : (k,) array
         Since the reference epoch. [yr]
     design : (5, k) array
-        ∂w by Δα*, Δδ, ϖ, µ_α*, µ_δ (`design_row`): its first two rows are the direction of the scan.
+        ∂w by Δα*, Δδ, ϖ, µ_α*, µ_δ (`make_design_rows`): its first two rows are the direction of the scan.
     position, error : (k,) arrays
         w along scan, and its standard error. [µas]
     name : (n,) array
@@ -341,14 +341,14 @@ class Observations(Frozen):
         is_of_part = part_numbers == value
         if not is_of_part.any():
             raise EmptyFieldError(f"no observation is of {part}")
-        source_numbers, source = np.unique(self.source[is_of_part], return_inverse=True)
+        source_numbers, source_index = np.unique(self.source[is_of_part], return_inverse=True)
         sources = {name: getattr(self, name)[source_numbers] for name in ("lon", "lat", "name")}
         attributes = ((entry.name, getattr(self, entry.name)) for entry in fields(self) if entry.name not in sources)
         observed = {name: values[..., is_of_part] for name, values in attributes if isinstance(values, np.ndarray)}
         n_lost = len(self.lon) - len(source_numbers)
         note = f"epochs: {is_of_part.sum()} of {len(is_of_part)} observations are of {part}"
         note += f"; {n_lost} sources have none" * bool(n_lost)
-        return replace(self, **sources | observed | {"source": source}, notes=(*self.notes, note))
+        return replace(self, **sources | observed | {"source": source_index}, notes=(*self.notes, note))
 
     def by_transit(self, gap: float = 60.0) -> "Observations":
         """Average the CCDs of each crossing of the field, weighted, into one observation.
@@ -360,22 +360,22 @@ class Observations(Frozen):
         """
         order = np.lexsort([self.time, self.source])
         source, time = self.source[order], self.time[order]
-        is_start = np.r_[True, (np.diff(source) > 0) | (np.diff(time) > gap / JULIAN_YEAR)]
-        if is_start.all() and np.array_equal(order, np.arange(len(order))):
+        is_crossing_start = np.r_[True, (np.diff(source) > 0) | (np.diff(time) > gap / JULIAN_YEAR)]
+        if is_crossing_start.all() and np.array_equal(order, np.arange(len(order))):
             return self
-        crossing, starts = np.cumsum(is_start) - 1, order[is_start]
+        crossing, starts = np.cumsum(is_crossing_start) - 1, order[is_crossing_start]
         weight = 1 / self.error[order] ** 2
         weight_sums = np.bincount(crossing, weight)
 
         def average(values):
             return np.bincount(crossing, weight * values[order]) / weight_sums
 
-        given = {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        given = {name: values for name, values in given.items() if values is not None}
-        means = {name: average(given[name]) for name in ("time", "position", "colour", "excess_noise") if name in given}
-        firsts = {name: given[name][starts] for name in ("source", "view", "row") if name in given}
+        known = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        known = {name: values for name, values in known.items() if values is not None}
+        means = {name: average(known[name]) for name in ("time", "position", "colour", "excess_noise") if name in known}
+        first_values = {name: known[name][starts] for name in ("source", "view", "row") if name in known}
         design = np.array([average(row) for row in self.design])
-        return replace(self, **means, **firsts, design=design, error=1 / np.sqrt(weight_sums))
+        return replace(self, **means, **first_values, design=design, error=1 / np.sqrt(weight_sums))
 
 
 def epoch_files(path: PathName) -> list[Path]:
@@ -440,91 +440,91 @@ def read_observations(
     table_source = tables.open_table(source)
     # ESA's internal files call obs_time_tcb obsTimeTcb.
     spellings = {name.replace("_", "").lower(): name for name in reversed(table_source.names)}
-    names = {
+    expected_columns = {
         name: (columns or {}).get(
             name, name if name in table_source.names else spellings.get(name.replace("_", ""), name)
         )
         for name in (*_NEEDED_COLUMNS, *_OPTIONAL_COLUMNS)
     }
     for name in _NEEDED_COLUMNS:
-        if names[name] not in table_source.names and not (name in _RA_DEC and positions is not None):
+        if expected_columns[name] not in table_source.names and not (name in _RA_DEC and positions is not None):
             remedy = (
                 "; positions=, a table of source_id, ra and dec (gaia_source), gives them" if name in _RA_DEC else ""
             )
-            raise TableError(f"{table_source.label}: {missing_column(names[name], table_source)}{remedy}")
+            raise TableError(f"{table_source.label}: {missing_column(expected_columns[name], table_source)}{remedy}")
     if positions is not None:
         for name in _RA_DEC:
-            names.pop(name)
-    column_names = {name: column for name, column in names.items() if column in table_source.names}
+            expected_columns.pop(name)
+    column_names = {name: column for name, column in expected_columns.items() if column in table_source.names}
     twins = [column for column in column_names.values() if column in table_source.twins]
     if set(twins) - {"used_by_agis_al"}:
         raise TableError(f"{table_source.label}: several columns are called {', '.join(twins)}: rename all but one")
-    factors = {
+    unit_factors = {
         name: unit_factor(column, table_source.units.get(column), _UNITS[name])
         for name, column in column_names.items()
         if name in _UNITS
     }
     values = table_source.columns(tuple(column_names.values()))
     columns_by_role = {name: values[column] for name, column in column_names.items()}
-    flat, notes = _flatten_observations(columns_by_role, factors, table_source)
+    flat_columns, notes = _flatten_observations(columns_by_role, unit_factors, table_source)
     if twins:  # the first is that along scan, the second across
         notes = (*notes, "several columns are called used_by_agis_al, as in ESA's CSV: the first was read")
     if "obs_time_bary_corr" not in column_names:
         notes = (*notes, "no column obs_time_bary_corr: times are taken as the barycentre's")
-    identifiers, first_rows, source_index = np.unique(flat["source_id"], return_index=True, return_inverse=True)
+    source_ids, first_rows, source_index = np.unique(flat_columns["source_id"], return_index=True, return_inverse=True)
     if positions is None:
-        lon, lat = flat["ra0"][first_rows] * DEGREE, flat["dec0"][first_rows] * DEGREE
+        lon, lat = flat_columns["ra0"][first_rows] * DEGREE, flat_columns["dec0"][first_rows] * DEGREE
     else:
-        lon, lat = _find_positions(identifiers, positions)
+        lon, lat = _find_source_positions(source_ids, positions)
     order = np.argsort(source_index, kind="stable")
-    source_index, flat = source_index[order], {name: values[order] for name, values in flat.items()}
+    source_index, flat_columns = source_index[order], {name: values[order] for name, values in flat_columns.items()}
     view = row = None
-    if "view" in flat:
-        view, note = find_views(flat["view"], source_index, flat["obs_time_tcb"])
+    if "view" in flat_columns:
+        view, note = find_fields_of_view(flat_columns["view"], source_index, flat_columns["obs_time_tcb"])
         notes = (*notes, *([note] if note else []))
-        row = (np.asarray(flat["view"], np.int64) >> 12) & 7
+        row = (np.asarray(flat_columns["view"], np.int64) >> 12) & 7
         row = row if row.all() else None  # no row has the number 0: this is another numbering
-    time = 2010.0 - epoch + (flat["obs_time_tcb"] + flat.get("obs_time_bary_corr", 0.0)) / _YEAR
-    colour, excess = flat.get("colour_factor_al"), flat.get(_EXCESS)
+    time = 2010.0 - epoch + (flat_columns["obs_time_tcb"] + flat_columns.get("obs_time_bary_corr", 0.0)) / _YEAR
+    colour, excess_noise = flat_columns.get("colour_factor_al"), flat_columns.get(_EXCESS)
     return Observations(
         lon,
         lat,
         source_index,
         time,
-        design_row(flat["scan_pos_angle"] * DEGREE, flat["parallax_factor_al"], time),
-        MAS * flat["centroid_pos_al"],
-        MAS * flat["centroid_pos_error_al"],
-        identifiers,
+        make_design_rows(flat_columns["scan_pos_angle"] * DEGREE, flat_columns["parallax_factor_al"], time),
+        MAS * flat_columns["centroid_pos_al"],
+        MAS * flat_columns["centroid_pos_error_al"],
+        source_ids,
         (*table_source.notes, *notes),
         view,
         None if colour is None or not colour.any() else MAS * colour,
-        None if excess is None else MAS * excess,
+        None if excess_noise is None else MAS * excess_noise,
         row,
     )
 
 
-def _find_positions(identifiers, positions):
+def _find_source_positions(source_ids, positions):
     """Find the positions of sources by their source_id, in another table. [rad]"""
     table_source = tables.open_table(positions)
-    names = ("source_id", "ra", "dec")
-    for name in names:
+    column_names = ("source_id", "ra", "dec")
+    for name in column_names:
         if name not in table_source.names:
             raise TableError(f"{table_source.label}: {missing_column(name, table_source)}")
-    (source_ids, _), (ra, no_ra), (dec, no_dec) = (table_source.columns((name,))[name] for name in names)
+    (table_ids, _), (ra, ra_mask), (dec, dec_mask) = (table_source.columns((name,))[name] for name in column_names)
     factors = [unit_factor(name, table_source.units.get(name), "deg") for name in ("ra", "dec")]
-    has_position = np.ones(len(source_ids), bool)
-    for mask in (no_ra, no_dec):
+    has_position = np.ones(len(table_ids), bool)
+    for mask in (ra_mask, dec_mask):
         has_position &= ~np.asarray(mask, bool) if mask is not None else True
-    source_ids, ra, dec = source_ids[has_position], ra[has_position] * factors[0], dec[has_position] * factors[1]
-    order = np.argsort(source_ids, kind="stable")
-    rows = np.minimum(np.searchsorted(source_ids[order], identifiers), len(source_ids) - 1)
-    absent = identifiers[source_ids[order][rows] != identifiers] if len(source_ids) else identifiers
+    table_ids, ra, dec = table_ids[has_position], ra[has_position] * factors[0], dec[has_position] * factors[1]
+    order = np.argsort(table_ids, kind="stable")
+    table_rows = np.minimum(np.searchsorted(table_ids[order], source_ids), len(table_ids) - 1)
+    absent = source_ids[table_ids[order][table_rows] != source_ids] if len(table_ids) else source_ids
     if len(absent):
         raise TableError(
-            f"{table_source.label}: {len(absent)} of {len(identifiers)} sources of the epochs have no position there, "
+            f"{table_source.label}: {len(absent)} of {len(source_ids)} sources of the epochs have no position there, "
             f"source_id {absent[0]} for one"
         )
-    coordinates = np.asarray(ra, float)[order][rows], np.asarray(dec, float)[order][rows]
+    coordinates = np.asarray(ra, float)[order][table_rows], np.asarray(dec, float)[order][table_rows]
     if not (np.isfinite(coordinates).all() and (np.abs(coordinates[1]) <= 90).all()):
         raise TableError(f"{table_source.label}: some positions are no directions: ra and dec in degrees are expected")
     return coordinates[0] * DEGREE, coordinates[1] * DEGREE
@@ -532,7 +532,7 @@ def _find_positions(identifiers, positions):
 
 #: No observation is larger, and what is stands for one that was not made: times [ns], positions and errors [mas],
 #: angles [deg].
-_LARGEST = {
+_LARGEST_VALUES = {
     "obs_time_tcb": 100 * _YEAR, "obs_time_bary_corr": 1e14, "centroid_pos_al": 1e9, "centroid_pos_error_al": 1e7,
     "scan_pos_angle": 1e6, "parallax_factor_al": 10.0, "ra0": 720.0, "dec0": 90.0,
     "colour_factor_al": 1e6, _EXCESS: 1e6,
@@ -540,26 +540,26 @@ _LARGEST = {
 
 
 def _flatten_observations(
-    table: Mapping[str, Any], factors: Mapping[str, float], table_source: Any
+    columns_by_role: Mapping[str, Any], unit_factors: Mapping[str, float], table_source: Any
 ) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
     """Flatten columns to one value for each observation that can be used, with notes that count the others."""
     label = table_source.label
-    columns, padding = _convert_columns(table, table_source)
+    columns, padding = _convert_columns_to_numbers(columns_by_role, table_source)
     repeat_notes = _describe_repeated_rows(columns)
     for name in [name for name in ("colour_factor_al", _EXCESS) if name in columns]:
         values, is_missing = columns[name]
-        is_given = np.isfinite(values) & ~is_missing
-        if not is_given.any():
+        is_known = np.isfinite(values) & ~is_missing
+        if not is_known.any():
             del columns[name]  # null in every row
         elif name == _EXCESS:  # where it is null, AGIS added none
-            columns[name] = np.where(is_given, values, 0.0), np.zeros_like(is_missing)
+            columns[name] = np.where(is_known, values, 0.0), np.zeros_like(is_missing)
     shape = max((np.shape(values) for values, _ in columns.values()), key=len)
     flat: dict[str, Any] = {}
     is_bad = np.zeros(shape, bool)
     date_notes: tuple[str, ...] = ()
     for name, (values, mask) in columns.items():
-        spread_values = _broadcast_trailing(values, shape).ravel()
-        is_bad |= _broadcast_trailing(mask, shape)
+        spread_values = _broadcast_trailing_axes(values, shape).ravel()
+        is_bad |= _broadcast_trailing_axes(mask, shape)
         if name == "transit_id":
             if values.dtype.kind in "iu":
                 flat["view"] = spread_values.astype(np.int64)
@@ -567,7 +567,7 @@ def _flatten_observations(
             flat[name] = (spread_values - _DATE_ORIGINS[scale]) * _DAY
             date_notes = (f"obs_time_tcb holds {scale}: times are counted from J2010.0",)
         else:
-            factor = factors.get(name, 1.0)
+            factor = unit_factors.get(name, 1.0)
             flat[name] = spread_values if factor == 1.0 else spread_values * factor
     notes: tuple[str, ...] = ()
     is_used = flat.pop("used_by_agis_al", np.ones(is_bad.size, bool)).astype(bool)
@@ -581,13 +581,13 @@ def _flatten_observations(
         flat = {name: values[is_observation] for name, values in flat.items()}
         is_bad, is_unused = is_bad[is_observation], is_unused[is_observation]
     for name, values in flat.items():
-        if values.dtype.kind == "f" or name in _LARGEST:
-            is_bad |= ~(np.abs(values.astype(float)) <= _LARGEST.get(name, np.inf)) | ~np.isfinite(values)
+        if values.dtype.kind == "f" or name in _LARGEST_VALUES:
+            is_bad |= ~(np.abs(values.astype(float)) <= _LARGEST_VALUES.get(name, np.inf)) | ~np.isfinite(values)
     is_bad |= ~(flat["centroid_pos_error_al"] > 1e-9) | ~(flat["obs_time_tcb"] > _YEAR)  # no mission was there in 2010
-    missing_colour = ", a colour factor" if "colour_factor_al" in flat else ""
+    colour_phrase = ", a colour factor" if "colour_factor_al" in flat else ""
     counts = {
         "not used by AGIS": int(is_unused.sum()),
-        f"without a position, an error{missing_colour} or a time": int((is_bad & ~is_unused).sum()),
+        f"without a position, an error{colour_phrase} or a time": int((is_bad & ~is_unused).sum()),
     }
     is_usable = ~(is_bad | is_unused)
     note = DroppedRows.of_table({reason: count for reason, count in counts.items() if count}, is_usable.size, is_usable)
@@ -600,20 +600,20 @@ def _flatten_observations(
     return {name: values[is_usable] for name, values in flat.items()}, (*notes, *date_notes, *repeat_notes)
 
 
-def _convert_columns(table, table_source):
+def _convert_columns_to_numbers(columns_by_role, table_source):
     """Convert columns to numbers with their masks, one or a row of CCDs per transit, and find what is padding."""
     columns: dict[str, Any] = {}
     padding: Any = np.False_
-    width, array_name = 0, ""
-    for name, (values, mask) in table.items():
-        values, mask, is_padding = convert_column(values, mask, name, table_source.label)
+    array_length, array_name = 0, ""
+    for name, (values, mask) in columns_by_role.items():
+        values, mask, is_padding = convert_column_to_numbers(values, mask, name, table_source.label)
         if values.ndim > 1:
-            if width and values.shape[1] != width:
+            if array_length and values.shape[1] != array_length:
                 raise TableError(
                     f"{table_source.label}: {name!r} has {values.shape[1]} numbers per transit where {array_name!r} "
-                    f"has {width}: arrays of the CCDs are as long as each other"
+                    f"has {array_length}: arrays of the CCDs are as long as each other"
                 )
-            width, array_name = values.shape[1], name
+            array_length, array_name = values.shape[1], name
         padding = padding | is_padding
         columns[name] = values, mask
     return columns, padding
@@ -632,15 +632,15 @@ def _find_date_scale(values, mask, unit):
 def _describe_repeated_rows(columns):
     """Describe how many transits, or observations where rows are these, stand in the table twice."""
     is_flat = np.ndim(columns["centroid_pos_al"][0]) < 2
-    key = "obs_time_tcb" if is_flat else "transit_id"
-    if key not in columns:
+    key_name = "obs_time_tcb" if is_flat else "transit_id"
+    if key_name not in columns:
         return ()
-    keys = [np.asarray(columns[name][0]) for name in ("source_id", key)]
-    order = np.lexsort(keys)
-    source, identifier = (values[order] for values in keys)
-    n_twice = int(np.sum((source[1:] == source[:-1]) & (identifier[1:] == identifier[:-1])))
-    rows = "observations" if is_flat else "transits"
-    return (f"warning: {n_twice} {rows} stand in the table twice and count as two",) if n_twice else ()
+    key_columns = [np.asarray(columns[name][0]) for name in ("source_id", key_name)]
+    order = np.lexsort(key_columns)
+    source_id, row_id = (values[order] for values in key_columns)
+    n_repeated = int(np.sum((source_id[1:] == source_id[:-1]) & (row_id[1:] == row_id[:-1])))
+    row_noun = "observations" if is_flat else "transits"
+    return (f"warning: {n_repeated} {row_noun} stand in the table twice and count as two",) if n_repeated else ()
 
 
 def read_epochs(
@@ -705,12 +705,12 @@ def read_epochs(
     observations = read_observations(source, epoch=epoch, columns=columns, positions=positions)
     observations = observations if where is None else observations.select(where)
     colour = observations.colour if pseudocolour else None
-    error, excess, notes = observations.error, observations.excess_noise, observations.notes
-    if robust is None and excess is None:
+    error, excess_noise, notes = observations.error, observations.excess_noise, observations.notes
+    if robust is None and excess_noise is None:
         notes = (*notes, f"epochs: no column {_EXCESS}: weights and an excess noise of each source are estimated anew")
-    robust = excess is None if robust is None else robust
-    if excess is not None and not robust:
-        error = np.hypot(error, excess)
+    robust = excess_noise is None if robust is None else robust
+    if excess_noise is not None and not robust:
+        error = np.hypot(error, excess_noise)
         notes = (*notes, "epochs: weights as AGIS had them: the observations that it used, with its excess noise")
     solution = solve_epochs(
         observations.source, observations.design, observations.position, error, colour=colour, robust=robust
@@ -728,6 +728,6 @@ def read_epochs(
     share = 100 * solution.outliers.sum() / max(1, solution.observations.sum())
     if robust:
         notes = (*notes, f"epochs: {share:.2g} % of {solution.observations.sum()} observations have a weight below 0.2")
-    motion, rho = solution.values[rows][:, 3:].T, covariance[:, 0, 1] / (sigma[0] * sigma[1])
+    motion, correlation = solution.values[rows][:, 3:].T, covariance[:, 0, 1] / (sigma[0] * sigma[1])
     name, notes = observations.name[rows], (*notes, *added_notes)
-    return Field(lon[rows], lat[rows], motion, sigma, rho, name=name, notes=notes)
+    return Field(lon[rows], lat[rows], motion, sigma, correlation, name=name, notes=notes)

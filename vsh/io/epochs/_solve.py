@@ -62,7 +62,7 @@ class FiveParameters(Frozen):
         return np.isfinite(self.values[:, 0])
 
 
-def design_row(angle: FloatArray, parallax_factor: FloatArray, time: FloatArray) -> FloatArray:
+def make_design_rows(angle: FloatArray, parallax_factor: FloatArray, time: FloatArray) -> FloatArray:
     """∂w by Δα*, Δδ, ϖ, µ_α*, µ_δ, (5, k)."""
     sin, cos = np.sin(angle), np.cos(angle)
     return np.stack([sin, cos, parallax_factor, time * sin, time * cos])
@@ -91,7 +91,7 @@ def solve_epochs(
     source : (k,) int array
         Source of each observation, from 0, rising.
     design : (5, k) array
-        Columns from `design_row`.
+        Columns from `make_design_rows`.
     position, error : (k,) arrays
         Along scan, and its standard error.
     colour : (k,) array, optional
@@ -101,12 +101,12 @@ def solve_epochs(
         Weights and excess noise as AGIS has them; plain least squares otherwise.
     """
     n_sources = int(source[-1]) + 1 if len(source) else 0
-    columns = design if colour is None else np.vstack([design, -np.asarray(colour, float)])
-    sources = _LeastSquares(source, n_sources, columns, position, error)
-    is_solvable = sources.find_solvable()
+    design_terms = design if colour is None else np.vstack([design, -np.asarray(colour, float)])
+    sources = _LeastSquares(source, n_sources, design_terms, position, error)
+    is_solvable = sources.find_solvable_sources()
     weights, variances = np.ones(len(source)), np.zeros(n_sources)
     if robust:
-        weights, variances = _find_robust_weights(sources, is_solvable)
+        weights, variances = _find_weights_and_variances(sources, is_solvable)
     values, inverse = sources.solve(weights, variances, is_solvable)
     outliers = sources.sum_per_source((weights < _OUTLIER).astype(float)).astype(int)
     solution = FiveParameters(values[:, :5], inverse[:, :5, :5], np.sqrt(variances), sources.counts, outliers, weights)
@@ -118,119 +118,119 @@ def solve_epochs(
 class _LeastSquares:
     """Observations of many sources, and least squares of each with any weights."""
 
-    def __init__(self, source, n, design, position, error):
-        self.source, self.n, self.design, self.position = source, n, design, position
-        self.noise = np.asarray(error, float) ** 2
-        self.counts = np.bincount(source, minlength=n)
-        self.parameters = len(design)
+    def __init__(self, source, n_sources, design, position, error):
+        self.source, self.n_sources, self.design, self.position = source, n_sources, design, position
+        self.variance = np.asarray(error, float) ** 2
+        self.counts = np.bincount(source, minlength=n_sources)
+        self.n_terms = len(design)
 
     def sum_per_source(self, values):
-        return np.bincount(self.source, values, self.n)
+        return np.bincount(self.source, values, self.n_sources)
 
-    def compute_normal(self, weight, variance):
+    def compute_normal_equations(self, weights, excess_variance):
         """Compute the normal matrices, (n, 5, 5), and right-hand sides, (n, 5)."""
-        inverse_variance = weight / (self.noise + variance[self.source])
-        matrix, rhs = np.empty((self.n, self.parameters, self.parameters)), np.empty((self.n, self.parameters))
-        for i in range(self.parameters):
+        inverse_variance = weights / (self.variance + excess_variance[self.source])
+        matrix, rhs = np.empty((self.n_sources, self.n_terms, self.n_terms)), np.empty((self.n_sources, self.n_terms))
+        for i in range(self.n_terms):
             weighted_row = inverse_variance * self.design[i]
             rhs[:, i] = self.sum_per_source(weighted_row * self.position)
             for j in range(i + 1):
                 matrix[:, i, j] = matrix[:, j, i] = self.sum_per_source(weighted_row * self.design[j])
-        if self.parameters > 5:
+        if self.n_terms > 5:
             matrix[:, 5, 5] += 1 / COLOUR_PRIOR**2
         return matrix, rhs
 
-    def find_solvable(self):
+    def find_solvable_sources(self):
         """Find which sources have more observations than parameters, and scans in several directions and times."""
-        matrix = self.compute_normal(np.ones(len(self.source)), np.zeros(self.n))[0][:, :5, :5]
+        matrix = self.compute_normal_equations(np.ones(len(self.source)), np.zeros(self.n_sources))[0][:, :5, :5]
         scale = np.sqrt(np.maximum(np.einsum("nii->ni", matrix), 1e-300))
         scaled_matrix = matrix / (scale[:, :, None] * scale[:, None])
-        return (self.counts > self.parameters) & (np.linalg.eigvalsh(scaled_matrix)[:, 0] > 1e-6)
+        return (self.counts > self.n_terms) & (np.linalg.eigvalsh(scaled_matrix)[:, 0] > 1e-6)
 
-    def solve(self, weight, variance, is_solvable):
+    def solve(self, weights, excess_variance, is_solvable):
         """Solve for the parameters, (n, 5), and their covariance; nan where there is no solution."""
-        matrix, rhs = self.compute_normal(weight, variance)
-        values, inverse = np.full(rhs.shape, np.nan), np.full(matrix.shape, np.nan)
-        inverse[is_solvable] = np.linalg.inv(matrix[is_solvable])
-        values[is_solvable] = np.einsum("nij,nj->ni", inverse[is_solvable], rhs[is_solvable])
-        return values, inverse
+        matrix, rhs = self.compute_normal_equations(weights, excess_variance)
+        parameters, covariances = np.full(rhs.shape, np.nan), np.full(matrix.shape, np.nan)
+        covariances[is_solvable] = np.linalg.inv(matrix[is_solvable])
+        parameters[is_solvable] = np.einsum("nij,nj->ni", covariances[is_solvable], rhs[is_solvable])
+        return parameters, covariances
 
-    def compute_residuals(self, weight, variance, is_solvable):
-        values, _ = self.solve(weight, variance, is_solvable)
-        return self.position - np.einsum("ki,ik->k", np.nan_to_num(values)[self.source], self.design)
+    def compute_residuals(self, weights, excess_variance, is_solvable):
+        parameters, _ = self.solve(weights, excess_variance, is_solvable)
+        return self.position - np.einsum("ki,ik->k", np.nan_to_num(parameters)[self.source], self.design)
 
-    def sum_squares(self, weight, variance, is_solvable):
+    def sum_squares_and_slopes(self, weights, excess_variance, is_solvable):
         """Compute Σ w r²/(σ² + s²) of every source and its slope by s²."""
-        inverse_variance = 1 / (self.noise + variance[self.source])
-        terms = weight * self.compute_residuals(weight, variance, is_solvable) ** 2 * inverse_variance
+        inverse_variance = 1 / (self.variance + excess_variance[self.source])
+        terms = weights * self.compute_residuals(weights, excess_variance, is_solvable) ** 2 * inverse_variance
         return self.sum_per_source(terms), -self.sum_per_source(terms * inverse_variance)
 
-    def select(self, is_selected):
+    def select_sources(self, is_selected):
         """Select some of the sources, numbered anew, and find which observations are theirs."""
         is_theirs = is_selected[self.source]
         number = np.cumsum(is_selected) - 1
-        design, position, error = self.design[:, is_theirs], self.position[is_theirs], np.sqrt(self.noise[is_theirs])
+        design, position, error = self.design[:, is_theirs], self.position[is_theirs], np.sqrt(self.variance[is_theirs])
         return _LeastSquares(number[self.source[is_theirs]], int(is_selected.sum()), design, position, error), is_theirs
 
 
-def _find_robust_weights(sources, is_solvable):
+def _find_weights_and_variances(sources, is_solvable):
     """Find the weights of the observations and the variances of the excess noise, in turn."""
-    weight, variance = np.ones(len(sources.source)), np.zeros(sources.n)
-    squares, _ = sources.sum_squares(weight, variance, is_solvable)
-    is_noisy = is_solvable & (squares > sources.counts - sources.parameters)  # the others are as their errors say
+    all_weights, all_variances = np.ones(len(sources.source)), np.zeros(sources.n_sources)
+    squares, _ = sources.sum_squares_and_slopes(all_weights, all_variances, is_solvable)
+    is_noisy = is_solvable & (squares > sources.counts - sources.n_terms)  # the others are as their errors say
     if not is_noisy.any():
-        return weight, variance
-    subset, is_theirs = sources.select(is_noisy)
-    everything = np.ones(subset.n, bool)
-    excess = _estimate_dispersion(subset) ** 2
-    weights = downweighting_factor(subset.position / np.sqrt(subset.noise + excess[subset.source]))
-    is_moving = np.ones(subset.n, bool)
+        return all_weights, all_variances
+    subset, is_theirs = sources.select_sources(is_noisy)
+    all_solvable = np.ones(subset.n_sources, bool)
+    excess = _estimate_initial_excess(subset) ** 2
+    weights = downweighting_factor(subset.position / np.sqrt(subset.variance + excess[subset.source]))
+    is_unsettled = np.ones(subset.n_sources, bool)
     for _ in range(_ROUNDS):
-        squares, slope = subset.sum_squares(weights, excess, everything)
-        next_excess = np.maximum(excess - squares / slope * (squares / _count_dof(subset, weights) - 1), 0.0)
+        squares, slopes = subset.sum_squares_and_slopes(weights, excess, all_solvable)
+        next_excess = np.maximum(excess - squares / slopes * (squares / _count_dof(subset, weights) - 1), 0.0)
         step = np.abs(next_excess - excess)
-        excess = np.where(is_moving, next_excess, excess)
+        excess = np.where(is_unsettled, next_excess, excess)
         next_weights = downweighting_factor(
-            subset.compute_residuals(weights, excess, everything) / np.sqrt(subset.noise + excess[subset.source])
+            subset.compute_residuals(weights, excess, all_solvable) / np.sqrt(subset.variance + excess[subset.source])
         )
-        weights = np.where(is_moving[subset.source], next_weights, weights)
-        is_moving = is_moving & (step > _TOLERANCE * excess)
-        if not is_moving.any():
+        weights = np.where(is_unsettled[subset.source], next_weights, weights)
+        is_unsettled = is_unsettled & (step > _TOLERANCE * excess)
+        if not is_unsettled.any():
             break
-    weight[is_theirs], variance[is_noisy] = weights, _find_excess_variance(subset, weights, everything)
-    return weight, variance
+    all_weights[is_theirs], all_variances[is_noisy] = weights, _find_excess_variance(subset, weights, all_solvable)
+    return all_weights, all_variances
 
 
-def _count_dof(group, weight):
+def _count_dof(sources, weight):
     """Count the degrees of freedom of each source of a group, without its outliers."""
-    return np.maximum(group.counts - group.parameters - group.sum_per_source((weight < _OUTLIER).astype(float)), 1)
+    return np.maximum(sources.counts - sources.n_terms - sources.sum_per_source((weight < _OUTLIER).astype(float)), 1)
 
 
-def _estimate_dispersion(sources):
+def _estimate_initial_excess(sources):
     """Estimate a first excess noise: half the range of the middle four sixths of the positions, and the median."""
     order = np.lexsort([sources.position, sources.source])
     positions, starts = sources.position[order], np.concatenate([[0], np.cumsum(sources.counts)[:-1]])
 
-    def find_quantile(share):
-        rank = share * (sources.counts - 1)
-        lower = np.floor(rank).astype(int)
+    def find_quantiles(share):
+        ranks = share * (sources.counts - 1)
+        lower = np.floor(ranks).astype(int)
         upper = np.minimum(lower + 1, sources.counts - 1)
-        return positions[starts + lower] + (rank - lower) * (positions[starts + upper] - positions[starts + lower])
+        return positions[starts + lower] + (ranks - lower) * (positions[starts + upper] - positions[starts + lower])
 
-    return (find_quantile(5 / 6) - find_quantile(1 / 6)) / 2 + np.abs(find_quantile(1 / 2))
+    return (find_quantiles(5 / 6) - find_quantiles(1 / 6)) / 2 + np.abs(find_quantiles(1 / 2))
 
 
-def _find_excess_variance(sources, weight, is_solvable):
+def _find_excess_variance(sources, weights, is_solvable):
     """Find the excess variance with which Σ w r²/(σ² + s²) equals the degrees of freedom; zero if it is below."""
-    excess, dof = np.zeros(sources.n), _count_dof(sources, weight)
-    squares, slope = sources.sum_squares(weight, excess, is_solvable)
-    is_moving = squares > dof
+    excess_variance, dof = np.zeros(sources.n_sources), _count_dof(sources, weights)
+    square_sums, slopes = sources.sum_squares_and_slopes(weights, excess_variance, is_solvable)
+    is_unsettled = square_sums > dof
     for _ in range(_STEPS + 1):
-        next_excess = np.maximum(excess - squares / slope * (squares / dof - 1), 0.0)
-        step = np.abs(next_excess - excess)
-        excess = np.where(is_moving, next_excess, excess)
-        is_moving = is_moving & (step > _TOLERANCE * excess)
-        if not is_moving.any():
+        next_variance = np.maximum(excess_variance - square_sums / slopes * (square_sums / dof - 1), 0.0)
+        variance_step = np.abs(next_variance - excess_variance)
+        excess_variance = np.where(is_unsettled, next_variance, excess_variance)
+        is_unsettled = is_unsettled & (variance_step > _TOLERANCE * excess_variance)
+        if not is_unsettled.any():
             break
-        squares, slope = sources.sum_squares(weight, excess, is_solvable)
-    return excess
+        square_sums, slopes = sources.sum_squares_and_slopes(weights, excess_variance, is_solvable)
+    return excess_variance

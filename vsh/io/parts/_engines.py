@@ -43,8 +43,8 @@ def add_sums(first: Any, second: Any) -> Any:
     if first is None or second is None:
         return second if first is None else first
     if isinstance(first, dict):
-        keys = dict.fromkeys([*first, *second])
-        return {key: add_sums(first.get(key), second.get(key)) for key in keys}
+        names = dict.fromkeys([*first, *second])
+        return {key: add_sums(first.get(key), second.get(key)) for key in names}
     if isinstance(first, tuple):
         return tuple(add_sums(term, other_term) for term, other_term in zip(first, second, strict=True))
     return first + second
@@ -94,8 +94,8 @@ class SumTree:
         return carry[0] if carry else None
 
 
-def find_label(piece: Any) -> str:
-    """Find the label of a part in messages."""
+def label_piece(piece: Any) -> str:
+    """Label a part as messages name it."""
     if hasattr(piece, "__fspath__") or isinstance(piece, str):
         return str(piece)
     key = getattr(piece, "key", None)
@@ -125,13 +125,13 @@ class Engine(InNotebook):
 _WORTH_A_THREAD = 2**15
 
 
-def _read_ahead(first, blocks):
+def _read_blocks_ahead(first_block, blocks):
     """A first block and those behind it, each read in a thread while the one before it is summed, if they are large."""
-    if first is None:
+    if first_block is None:
         return
-    yield first
-    with closing(prefetch_items(blocks) if len(first) >= _WORTH_A_THREAD else blocks) as following:
-        yield from following
+    yield first_block
+    with closing(prefetch_items(blocks) if len(first_block) >= _WORTH_A_THREAD else blocks) as later_blocks:
+        yield from later_blocks
 
 
 class InProcess(Engine):
@@ -153,13 +153,13 @@ class InProcess(Engine):
         """The sum of `work` over the pieces."""
         tree = SumTree()
         with ThreadPoolExecutor(max(self.readers, 1)) as pool:  # which starts no thread before it is asked to
-            begun: deque[Future] = deque()
+            begun_reads: deque[Future] = deque()
             try:
                 for number, piece in enumerate(pieces):
                     if self.readers:
-                        following = pieces[number + len(begun) : number + 1 + self.readers]
-                        begun.extend(pool.submit(work.begin, next_piece) for next_piece in following)
-                    tree.add(work(piece, begun.popleft() if begun else None))
+                        next_pieces = pieces[number + len(begun_reads) : number + 1 + self.readers]
+                        begun_reads.extend(pool.submit(work.begin_reading, next_piece) for next_piece in next_pieces)
+                    tree.add(work(piece, begun_reads.popleft() if begun_reads else None))
                     done()
             finally:
                 pool.shutdown(cancel_futures=True)
@@ -177,8 +177,8 @@ class Processes(Engine):
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
-        self._running: Any = None  # a pool of processes
-        self._worked = False
+        self._pool: Any = None  # a pool of processes
+        self._has_worked = False
 
     def __str__(self) -> str:
         return f"by {self.workers} processes"
@@ -201,57 +201,57 @@ class Processes(Engine):
                 "imported, not be a lambda or within another; or let Dask send them, with its own collections"
             ) from error
         tree = SumTree()
-        for leaf in self._run_in_order(work, pieces, done):
+        for leaf in self._yield_results_in_order(work, pieces, done):
             tree.add(leaf)
         return tree.total()
 
-    def _run_in_order(self, work, pieces, callback) -> Iterator[Any]:
+    def _yield_results_in_order(self, work, pieces, callback) -> Iterator[Any]:
         """The results in the order of the pieces."""
-        ready, next_number = {}, 0
+        ready_results, next_number = {}, 0
         for number, result in self._run_despite_kills(work, pieces):
-            ready[number] = result
+            ready_results[number] = result
             callback()
-            while next_number in ready:
-                yield ready.pop(next_number)
+            while next_number in ready_results:
+                yield ready_results.pop(next_number)
                 next_number += 1
 
     def _run_despite_kills(self, work, pieces):
         """Numbers and results as they come, however often a process is killed."""
-        waiting, suspects, single_pool = list(range(len(pieces))), [], []
-        while waiting:
-            yield from self._run_together(work, pieces, waiting, suspects)
+        waiting_numbers, suspect_numbers, single_pool = list(range(len(pieces))), [], []
+        while waiting_numbers:
+            yield from self._run_pieces_together(work, pieces, waiting_numbers, suspect_numbers)
             # After a process was killed, the parts that were under way go one by one: the guilty one is known then.
-            for number in suspects:
-                yield number, self._run_alone(work, pieces, number, single_pool)
-            suspects.clear()
+            for number in suspect_numbers:
+                yield number, self._run_piece_alone(work, pieces, number, single_pool)
+            suspect_numbers.clear()
             if single_pool:
                 single_pool.pop().shutdown()
 
-    def _run_together(self, work, pieces, waiting, suspects):
-        """Numbers and results as they come; what a broken pool leaves undone goes to `suspects`."""
-        running = {}
-        if self._running is None:
-            self._running = process_pool(self.workers)
-            finalize(self, self._running.shutdown, wait=False, cancel_futures=True)
+    def _run_pieces_together(self, work, pieces, waiting_numbers, suspect_numbers):
+        """Numbers and results as they come; what a broken pool leaves undone goes to `suspect_numbers`."""
+        number_by_future = {}
+        if self._pool is None:
+            self._pool = process_pool(self.workers)
+            finalize(self, self._pool.shutdown, wait=False, cancel_futures=True)
         try:
-            while waiting or running:
-                while waiting and len(running) < 2 * self.workers:
+            while waiting_numbers or number_by_future:
+                while waiting_numbers and len(number_by_future) < 2 * self.workers:
                     with delay_interrupts():
-                        running[self._running.submit(work, pieces[waiting[0]])] = waiting[0]
-                    del waiting[0]
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                        number_by_future[self._pool.submit(work, pieces[waiting_numbers[0]])] = waiting_numbers[0]
+                    del waiting_numbers[0]
+                for future in wait(number_by_future, return_when=FIRST_COMPLETED).done:
                     result = future.result()
-                    self._worked = True
-                    yield running.pop(future), result
+                    self._has_worked = True
+                    yield number_by_future.pop(future), result
         except BrokenExecutor:
-            suspects += sorted(running.values())
-            self._running = None
+            suspect_numbers += sorted(number_by_future.values())
+            self._pool = None
         except BaseException:  # an interrupt, or a part that cannot be read: what waits is not begun
-            for future in running:
+            for future in number_by_future:
                 future.cancel()
             raise
 
-    def _run_alone(self, work, pieces, number, single_pool):
+    def _run_piece_alone(self, work, pieces, number, single_pool):
         """The result of one part by itself; `single_pool` holds the process that is used again until a part ends it."""
         for _ in range(ATTEMPTS):
             if not single_pool:
@@ -262,41 +262,41 @@ class Processes(Engine):
                 return future.result()
             except BrokenExecutor:
                 single_pool.pop()
-        name = f"part {number + 1} of {len(pieces)}, {find_label(pieces[number])}, ended the process that read it"
+        name = f"part {number + 1} of {len(pieces)}, {label_piece(pieces[number])}, ended the process that read it"
         script = 'A script that starts workers needs its work under `if __name__ == "__main__":`'
         memory = "is there memory enough for it? Take fewer workers, or smaller parts"
-        if number == 0 and not self._worked:
+        if number == 0 and not self._has_worked:
             raise TableError(f"the processes end before they read anything. {script}. If it is there: {name}: {memory}")
         raise TableError(f"{name} {ATTEMPTS + 1} times: {memory}. ({script}.)")
 
 
-def apply_steps(steps: tuple[Callable[[Field], Field], ...], block: Field) -> tuple[Field | None, LostNotes]:
+def apply_steps(steps: tuple[Callable[[Field], Field], ...], block: Field) -> tuple[Field | None, EmptyPartNotes]:
     """Apply the steps to a block: the sources that are left, or None, and notes on empty blocks."""
     field = block
     try:
         for step in steps:
             field = arguments.a(type(field))("what a step returns", step(field))
     except EmptyFieldError as error:  # there may be more in other blocks
-        return None, LostNotes(error.notes)
-    return (field, LostNotes()) if len(field) else (None, LostNotes(field.notes))
+        return None, EmptyPartNotes(error.notes)
+    return (field, EmptyPartNotes()) if len(field) else (None, EmptyPartNotes(field.notes))
 
 
-class LostNotes(list):
+class EmptyPartNotes(list):
     """Notes of parts without a source; they add."""
 
     def __add__(self, other):
-        return LostNotes(merge_notes(self, other))
+        return EmptyPartNotes(merge_notes(self, other))
 
 
-def _add_piece_name(piece, error):
+def _label_error(piece, error):
     """Add the name of a part to the message of an error, unless it is there."""
-    name = find_label(piece)
-    return str(error) if name in str(error) or isinstance(piece, Field) else f"{name}: {error}"
+    label = label_piece(piece)
+    return str(error) if label in str(error) or isinstance(piece, Field) else f"{label}: {error}"
 
 
 def _make_unusable_rows_error(piece, error):
     """Make the error of a part all of whose rows are bad, with what can be done."""
-    unusable = EmptyFieldError(f'{_add_piece_name(piece, error)}. Leave them out with on_bad="drop" (--on-bad drop)')
+    unusable = EmptyFieldError(f'{_label_error(piece, error)}. Leave them out with on_bad="drop" (--on-bad drop)')
     unusable.notes = error.notes
     return unusable
 
@@ -311,34 +311,34 @@ class PartSum:
     roles: tuple[str, ...]
     threads: int | None
 
-    def begin(self, piece: Any) -> tuple[Field | None, Iterator[Field]]:
+    def begin_reading(self, piece: Any) -> tuple[Field | None, Iterator[Field]]:
         """The first block of a piece, if there is one, and an iterator over the others."""
         blocks = self.read(piece, self.roles)
         return next(blocks, None), blocks
 
-    def __call__(self, piece: Any, begun: Future | None = None) -> Any:
+    def __call__(self, piece: Any, begun_read: Future | None = None) -> Any:
         """The sum over a piece, of which the first block may be read already."""
-        total, notes, sources = None, LostNotes(), 0
+        total, notes, n_sources = None, EmptyPartNotes(), 0
         with limit_threads(self.threads):
             try:
-                for block in _read_ahead(*(begun.result() if begun else self.begin(piece))):
-                    field, lost_notes = apply_steps(self.steps, block)
-                    notes = notes + lost_notes
+                for block in _read_blocks_ahead(*(begun_read.result() if begun_read else self.begin_reading(piece))):
+                    field, empty_notes = apply_steps(self.steps, block)
+                    notes = notes + empty_notes
                     if field is not None:
-                        total, sources = add_sums(total, self.function(field)), sources + len(field)
+                        total, n_sources = add_sums(total, self.function(field)), n_sources + len(field)
             except EmptyFieldError as error:  # of the whole part: a reader hands on what is lost of some of it
-                empty_selection = isinstance(error, EmptySelectionError)  # other parts may hold some
-                if error.notes and not empty_selection and getattr(self.read, "on_bad", "drop") == "raise":
+                is_empty_selection = isinstance(error, EmptySelectionError)  # other parts may hold some
+                if error.notes and not is_empty_selection and getattr(self.read, "on_bad", "drop") == "raise":
                     raise _make_unusable_rows_error(piece, error) from error
-                notes = notes + LostNotes(error.notes)
+                notes = notes + EmptyPartNotes(error.notes)
             except (FieldError, TableError) as error:
-                raise type(error)(_add_piece_name(piece, error)) from error
+                raise type(error)(_label_error(piece, error)) from error
             except VshError:
                 raise
             except Exception as error:  # of a step or of what is summed
-                error.add_note(f"in the part {find_label(piece)}")
+                error.add_note(f"in the part {label_piece(piece)}")
                 raise
-        return total, notes, sources
+        return total, notes, n_sources
 
 
 #: How long a scheduler may take to answer. [s]
@@ -400,7 +400,7 @@ class Dask(Engine):
             return client.compute(piece).result() if client else piece.compute(scheduler="threads")
 
     def _sum_locally(self, work, pieces, callback):
-        root = _delay_tree(_delay_sums(work, pieces))
+        delayed_total = _delay_sum_tree(_delay_piece_sums(work, pieces))
         from dask.callbacks import Callback
 
         def report_part(key, *_):
@@ -409,7 +409,7 @@ class Dask(Engine):
 
         options = {"scheduler": "processes", "num_workers": self.workers} if self.workers else {"scheduler": "threads"}
         with Callback(posttask=report_part):
-            return _run_with_translated_errors(lambda: root.compute(**options), pieces)
+            return _run_with_translated_errors(lambda: delayed_total.compute(**options), pieces)
 
     def _open_client(self):
         """Open a context with a client, which is closed if it was opened here; with None where there is no cluster."""
@@ -426,18 +426,18 @@ class Dask(Engine):
         except ValueError:
             client = None
         scheduler = getattr(client, "scheduler", None)
-        is_theirs = scheduler is not None and self.address in (scheduler.address, client.scheduler_file)
-        if self.address is None or is_theirs:
+        is_same_scheduler = scheduler is not None and self.address in (scheduler.address, client.scheduler_file)
+        if self.address is None or is_same_scheduler:
             return nullcontext(client)
-        is_file = "://" not in self.address
-        if is_file and not Path(self.address).is_file():  # for which Dask would wait for ever
+        is_scheduler_file = "://" not in self.address
+        if is_scheduler_file and not Path(self.address).is_file():  # for which Dask would wait for ever
             raise TableError(f"{self.address} is neither an address such as tcp://host:8786 nor a scheduler file")
-        if is_file:
+        if is_scheduler_file:
             _check_scheduler_file(self.address)
-        location = {"scheduler_file" if is_file else "address": self.address}
+        scheduler_option = {"scheduler_file" if is_scheduler_file else "address": self.address}
         try:
             with _silence_log("distributed"):  # which tells what it tries meanwhile
-                return closing(distributed.Client(**location, timeout=PATIENCE, set_as_default=False))
+                return closing(distributed.Client(**scheduler_option, timeout=PATIENCE, set_as_default=False))
         except (OSError, ValueError, TimeoutError) as error:
             raise TableError(
                 f"the scheduler {self.address} cannot be reached: {str(error) or type(error).__name__}"
@@ -456,8 +456,8 @@ def _check_scheduler_file(path):
 
 
 @contextmanager
-def _silence_log(name):
-    logger = logging.getLogger(name)
+def _silence_log(logger_name):
+    logger = logging.getLogger(logger_name)
     level = logger.level
     logger.setLevel(logging.CRITICAL + 1)
     try:
@@ -466,13 +466,13 @@ def _silence_log(name):
         logger.setLevel(level)
 
 
-def _delay_sums(work, pieces):
+def _delay_piece_sums(work, pieces):
     """Delay the sums of the parts; under new names, so that nothing that failed is remembered."""
-    delayed_work, run = _import_dask().delayed(work, pure=False), uuid4().hex[:12]
-    return [delayed_work(piece, dask_key_name=f"{_KEY_PREFIX}{i}-{run}") for i, piece in enumerate(pieces)]
+    delayed_work, run_id = _import_dask().delayed(work, pure=False), uuid4().hex[:12]
+    return [delayed_work(piece, dask_key_name=f"{_KEY_PREFIX}{i}-{run_id}") for i, piece in enumerate(pieces)]
 
 
-def _delay_tree(level):
+def _delay_sum_tree(level):
     """Delay the tree of sums over some delayed ones."""
     add = _import_dask().delayed(sum_terms, pure=False)
     while len(level) > 1:
@@ -484,9 +484,9 @@ def _delay_tree(level):
 def _sum_on_cluster(client, work, pieces, callback):
     from distributed.scheduler import KilledWorker
 
-    leaves = _delay_sums(work, pieces)
+    leaves = _delay_piece_sums(work, pieces)
     try:
-        return _run_with_translated_errors(lambda: _gather_sums(client, leaves, callback), pieces)
+        return _run_with_translated_errors(lambda: _gather_total(client, leaves, callback), pieces)
     except KilledWorker as error:
         key = str(error.task)
     # Parts that waited at the same worker are blamed too. Alone, the guilty one does it again, and it alone.
@@ -494,18 +494,18 @@ def _sum_on_cluster(client, work, pieces, callback):
     suspects = [i for i in numbers if key in (leaves[i].key, getattr(pieces[i], "key", None))]
     for number in [*suspects, *(i for i in numbers if i not in suspects)]:
         try:
-            client.compute(_delay_sums(work, [pieces[number]])[0]).result()
+            client.compute(_delay_piece_sums(work, [pieces[number]])[0]).result()
         except KilledWorker as error:
-            name = f"part {number + 1} of {len(pieces)}, {find_label(pieces[number])}"
-            raise TableError(f"{name}, ended every worker that computed it ({error})") from error
+            part_label = f"part {number + 1} of {len(pieces)}, {label_piece(pieces[number])}"
+            raise TableError(f"{part_label}, ended every worker that computed it ({error})") from error
     try:
-        return _gather_sums(client, _delay_sums(work, pieces), lambda: None)
+        return _gather_total(client, _delay_piece_sums(work, pieces), lambda: None)
     except KilledWorker as error:
         raise TableError(f"workers ended while they computed {error.task} ({error})") from error
 
 
-def _find_failing_part(pieces):
-    """Find the part whose own graph raises, with a word on it."""
+def _describe_failing_part(pieces):
+    """Describe the part whose own graph raises; with the error itself, or None."""
     for number, piece in enumerate(pieces):
         if is_delayed(piece):
             try:
@@ -517,29 +517,29 @@ def _find_failing_part(pieces):
 
 def _run_with_translated_errors(compute, pieces):
     """Convert an error of Dask's own graph into one of ours."""
-    passed_on: tuple[type[BaseException], ...] = (VshError, MemoryError)
+    untranslated_errors: tuple[type[BaseException], ...] = (VshError, MemoryError)
     with suppress(ImportError):  # Dask's own threads and processes do without
         from distributed.scheduler import KilledWorker
 
-        passed_on = (*passed_on, KilledWorker)
+        untranslated_errors = (*untranslated_errors, KilledWorker)
     try:
         return compute()
-    except passed_on:
+    except untranslated_errors:
         raise
     except Exception as error:  # whatever the graph of a part raises
-        message, cause = _find_failing_part(pieces)
+        message, cause = _describe_failing_part(pieces)
         raise TableError(f"{message}: {type(cause or error).__name__}: {first_line(cause or error)}") from error
 
 
-def _gather_sums(client, leaves, callback):
+def _gather_total(client, leaves, callback):
     from distributed import as_completed
 
-    *futures, total = client.compute([*leaves, _delay_tree(leaves)])
+    *futures, total = client.compute([*leaves, _delay_sum_tree(leaves)])
     # Each is let go when it is done: the tree keeps what it still needs.
-    completions = as_completed(futures, loop=client.loop)
+    completed_futures = as_completed(futures, loop=client.loop)
     del futures
     try:
-        for future in completions:
+        for future in completed_futures:
             if future.status == "error":
                 break
             callback()
@@ -577,10 +577,10 @@ def delay_partitions(collection: Any, columns: Sequence[str]) -> list[Any]:
     import dask
 
     structure = getattr(collection, "hc_structure", None)
-    rows = getattr(getattr(structure, "catalog_info", None), "total_rows", None)
+    n_rows = getattr(getattr(structure, "catalog_info", None), "total_rows", None)
     catalogue = _reopen_catalogue(collection, operation, structure, names)
     partitions = (collection[names] if catalogue is None else catalogue).to_delayed()
-    fits_memory = rows and 8 * int(rows) * len(names) <= KEPT
+    fits_memory = n_rows and 8 * int(n_rows) * len(names) <= KEPT
     return list(dask.persist(*partitions)) if fits_memory else partitions
 
 

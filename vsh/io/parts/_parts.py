@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from vsh.field import MEASURED, Field, SourcesWithErrors
-from vsh.io.parts._engines import Engine, InProcess, LostNotes, PartSum, apply_steps
+from vsh.io.parts._engines import EmptyPartNotes, Engine, InProcess, PartSum, apply_steps
 from vsh.sky.frames import check_frame
 from vsh.tools.errors import EmptyFieldError, EmptySelectionError, FieldError, FrameError, ParameterError
 from vsh.tools.notebook import InNotebook
@@ -132,13 +132,13 @@ class Parts(InNotebook):
                 "fit.normal_equations(parts, modes)"
             )
         read_roles = OPTIONAL if self.steps else tuple(role for role in OPTIONAL if role in set(roles))
-        work = PartSum(self.read, self.steps, function, read_roles, self.engine.threads)
+        part_sum = PartSum(self.read, self.steps, function, read_roles, self.engine.threads)
         bar = progress_bar(total=len(self.pieces), words=words, shown=progress and len(self.pieces) > 1, unit=" parts")
         with bar:
-            part_sums = self.engine.total(work, self.pieces, bar.update)
+            sum_and_notes = self.engine.total(part_sum, self.pieces, bar.update)
         total: Any
-        total, notes, sources = (None, LostNotes(), 0) if part_sums is None else part_sums
-        if not sources:
+        total, notes, n_sources = (None, EmptyPartNotes(), 0) if sum_and_notes is None else sum_and_notes
+        if not n_sources:
             error = EmptyFieldError("no part holds a source that can be used: " + ("; ".join(notes) or "all are empty"))
             error.notes = tuple(notes)
             raise error
@@ -189,8 +189,8 @@ def yield_field(field: Field, roles: tuple[str, ...]) -> Iterator[Field]:
 
 def check_fields_or_parts(name: str, value: Any) -> Any:
     """A Field, Parts, or a list, tuple or stream of Fields."""
-    is_list = isinstance(value, (list, tuple)) and value and all(isinstance(field, Field) for field in value)
-    if isinstance(value, Field | Parts) or is_list or hasattr(value, "__next__"):
+    is_list_of_fields = isinstance(value, (list, tuple)) and value and all(isinstance(field, Field) for field in value)
+    if isinstance(value, Field | Parts) or is_list_of_fields or hasattr(value, "__next__"):
         return value
     raise ParameterError(f"{name} must be a Field, or a list or stream of Fields, not {type(value).__name__}")
 
@@ -204,10 +204,10 @@ def median(sky: Parts, numbers: Callable[[Field], FloatArray], words: str = "med
     """The median over all sources, as np.median gives it for all at once."""
     if sky.in_memory is not None:
         return float(np.median(numbers(sky.in_memory)))
-    counts = sky.sum(partial(_sum_weights_by_bin, numbers=numbers, weights=None), roles=(), words=words)
-    n = int(counts.sum())
+    bin_weights = sky.sum(partial(_sum_weights_by_bin, numbers=numbers, weights=None), roles=(), words=words)
+    n = int(bin_weights.sum())
     ranks = [(n + 1) // 2, n // 2 + 1]
-    return float(np.mean(_find_numbers_at_weights(sky, numbers, None, counts, ranks, (), words)))
+    return float(np.mean(_find_numbers_at_weights(sky, numbers, None, bin_weights, ranks, (), words)))
 
 
 def weighted_quantiles(
@@ -220,29 +220,29 @@ def weighted_quantiles(
     words: str = "quantiles",
 ) -> FloatArray:
     """Weighted quantiles: for each share, the least value up to which sources have that share of the weight."""
-    counts = sky.sum(partial(_sum_weights_by_bin, numbers=numbers, weights=weights), roles=roles, words=words)
-    return _find_numbers_at_weights(sky, numbers, weights, counts, np.asarray(shares) * counts.sum(), roles, words)
+    totals = sky.sum(partial(_sum_weights_by_bin, numbers=numbers, weights=weights), roles=roles, words=words)
+    return _find_numbers_at_weights(sky, numbers, weights, totals, np.asarray(shares) * totals.sum(), roles, words)
 
 
-def _find_numbers_at_weights(sky, numbers, weights, counts, targets, roles, label):
+def _find_numbers_at_weights(sky, numbers, weights, bin_weights, target_weights, roles, words):
     """Find the numbers at which the cumulative weight reaches the targets."""
-    cumulative_weight = np.cumsum(counts)
-    bins = np.searchsorted(cumulative_weight, np.minimum(targets, cumulative_weight[-1]))
+    cumulative_weight = np.cumsum(bin_weights)
+    bins = np.searchsorted(cumulative_weight, np.minimum(target_weights, cumulative_weight[-1]))
     target_bins = np.unique(bins)
     contents = sky.sum(
-        partial(_select_numbers_in_bins, numbers=numbers, weights=weights, bins=target_bins), roles=roles, words=label
+        partial(_select_numbers_in_bins, numbers=numbers, weights=weights, bins=target_bins), roles=roles, words=words
     )
     numbers_at_targets = []
-    for bin_, target in zip(bins, targets, strict=True):
+    for bin_, target_weight in zip(bins, target_weights, strict=True):
         numbers_in_bin, weights_in_bin = (np.concatenate(column) for column in zip(*contents[int(bin_)], strict=True))
         order = np.argsort(numbers_in_bin, kind="stable")
-        below = cumulative_weight[bin_] - counts[bin_]
-        index = np.searchsorted(below + np.cumsum(weights_in_bin[order]), target)
+        weight_below = cumulative_weight[bin_] - bin_weights[bin_]
+        index = np.searchsorted(weight_below + np.cumsum(weights_in_bin[order]), target_weight)
         numbers_at_targets.append(numbers_in_bin[order[min(index, len(order) - 1)]])
     return np.array(numbers_at_targets)
 
 
-def find_bins(numbers: FloatArray) -> IntArray:
+def find_number_bins(numbers: FloatArray) -> IntArray:
     """Find the bin of each number: a larger one is never in a lower bin, whatever the rounding of logarithms."""
     bits = np.ascontiguousarray(numbers, float).view(np.int64) >> (52 - _BITS_OF_BIN)
     return np.clip(bits - (_LOWEST_EXPONENT << _BITS_OF_BIN), 0, BINS - 1)
@@ -250,23 +250,23 @@ def find_bins(numbers: FloatArray) -> IntArray:
 
 def _sum_weights_by_bin(field, numbers, weights):
     field_weights = None if weights is None else weights(field)
-    return np.bincount(find_bins(numbers(field)), field_weights, BINS)
+    return np.bincount(find_number_bins(numbers(field)), field_weights, BINS)
 
 
 def _select_numbers_in_bins(field, numbers, weights, bins):
     """Select numbers and weights of the sources in some bins, a list for each, which grow by the parts."""
     field_numbers = numbers(field)
     field_weights = np.ones(len(field_numbers)) if weights is None else weights(field)
-    number_bins = find_bins(field_numbers)
-    return {int(bin_): [(field_numbers[number_bins == bin_], field_weights[number_bins == bin_])] for bin_ in bins}
+    bin_of_number = find_number_bins(field_numbers)
+    return {int(bin_): [(field_numbers[bin_of_number == bin_], field_weights[bin_of_number == bin_])] for bin_ in bins}
 
 
 def sample_of(sky: Parts, n_sources: int = 20_000, total: int | None = None, draw: int = 0) -> Any:
     """Some of the sources as a Field, by their places; of `total`, where it is known; a draw as for `select_share`."""
     share = n_sources / max(total or sky.counted(), 1)
     if (field := sky.in_memory) is not None:
-        return _choose_share(field, share, draw)
-    columns: dict[str, Any] = sky.sum(partial(_draw_columns, share=share, draw=draw), roles=(), words="a sample")
+        return _select_source_share(field, share, draw)
+    columns: dict[str, Any] = sky.sum(partial(_draw_sample_columns, share=share, draw=draw), roles=(), words="a sample")
     frames = columns.pop("frame")
     arrays: dict[str, Any] = {name: np.concatenate(values, axis=-1) for name, values in columns.items()}
     return Field(**arrays, frame=find_single_frame(frames))
@@ -274,17 +274,17 @@ def sample_of(sky: Parts, n_sources: int = 20_000, total: int | None = None, dra
 
 def find_single_frame(frames: Iterable[str]) -> str:
     """Find the frame that all parts are in; FrameError where there are several."""
-    names = sorted(set(frames))
-    if len(names) > 1:
-        raise FrameError(f"parts are in several frames: {', '.join(names)}")
-    return names[0]
+    distinct_frames = sorted(set(frames))
+    if len(distinct_frames) > 1:
+        raise FrameError(f"parts are in several frames: {', '.join(distinct_frames)}")
+    return distinct_frames[0]
 
 
-def _choose_share(field, share, draw):
+def _select_source_share(field, share, draw):
     """Choose a share of the sources by their places to a nanoradian: tables in degrees change the last bits."""
     return field[select_share(share, np.round(field.lon, 9), np.round(field.lat, 9), draw=draw)]
 
 
-def _draw_columns(field, share, draw):
-    sample = _choose_share(field, share, draw)
+def _draw_sample_columns(field, share, draw):
+    sample = _select_source_share(field, share, draw)
     return {name: [getattr(sample, name)] for name in ("lon", "lat", "motion", "sigma", "rho", "frame")}

@@ -34,20 +34,20 @@ def _open_parquet_file(path, label):
     from pyarrow.parquet import ParquetFile
 
     with as_table_error(f"{label} cannot be read as Parquet"):
-        plain = unpack_file(path, label)
+        unpacked = unpack_file(path, label)
 
     def open_file(footer=None):  # which keeps an unpacked copy for as long as it is read
-        return ParquetFile(str(plain.name), metadata=footer, page_checksum_verification=True)
+        return ParquetFile(str(unpacked.name), metadata=footer, page_checksum_verification=True)
 
     with as_table_error(f"{label} cannot be read as Parquet"), open_file() as file:
         schema, footer = file.schema_arrow, file.metadata
-    check_unpacked_size(label, 8 * footer.num_rows * min(len(schema.names), _FEWEST), os.path.getsize(plain.name))
+    check_unpacked_size(label, 8 * footer.num_rows * min(len(schema.names), _FEWEST), os.path.getsize(unpacked.name))
 
-    def read_batches(names, rows):
+    def read_batches(names, max_rows):
         with open_file(footer) as file:
-            yield from file.iter_batches(rows, columns=list(names))
+            yield from file.iter_batches(max_rows, columns=list(names))
 
-    return _make_source(label, schema, read_batches)
+    return _make_table_source(label, schema, read_batches)
 
 
 def open_parquet_at(filesystem: Any, path: str, label: str) -> TableSource:
@@ -63,52 +63,52 @@ def open_parquet_at(filesystem: Any, path: str, label: str) -> TableSource:
         schema, footer = file.schema_arrow, file.metadata
         file.close(force=True)
 
-    def read_batches(names, rows):
+    def read_batches(names, max_rows):
         file = open_remote_file(footer)
         try:
             with as_table_error(f"{label} cannot be read", ". Start again: it is fetched again"):
-                yield from file.iter_batches(min(rows, 2**20), columns=list(names))
+                yield from file.iter_batches(min(max_rows, 2**20), columns=list(names))
         finally:
             file.close(force=True)
 
-    return _make_source(label, schema, read_batches)
+    return _make_table_source(label, schema, read_batches)
 
 
-def _check_fragments(dataset, label):
+def _check_fragments_alike(dataset, label):
     """Raise TableError where a file has other columns, kinds of numbers or units than the first."""
-    first = None
+    reference = None
     for fragment in dataset.get_fragments():
         with as_table_error(f"{label} cannot be read as Parquet"):
             schema = fragment.physical_schema
-        units = {name: str(unit) for name, unit in _read_schema(schema)[0].items()}
+        units = {name: str(unit) for name, unit in _read_schema_metadata(schema)[0].items()}
         columns = {field.name: (str(field.type), units.get(field.name)) for field in schema}
-        first = first or (fragment, columns)
-        differing = [name for name in {**first[1], **columns} if columns.get(name) != first[1].get(name)]
+        reference = reference or (fragment, columns)
+        differing = [name for name in {**reference[1], **columns} if columns.get(name) != reference[1].get(name)]
         differing = [name for name in differing if not name.endswith(".mask")]  # astropy writes it where it has one
         if differing:
             name = differing[0]
-            one, other = (
+            form, other_form = (
                 " in ".join(filter(None, type_and_unit)) if (type_and_unit := named_columns.get(name)) else "missing"
-                for named_columns in (first[1], columns)
+                for named_columns in (reference[1], columns)
             )
             raise TableError(
-                f"{label}: its files differ in {', '.join(map(printable, differing[:5]))}: {printable(name)} is {one} "
-                f"in {printable(_find_name(first[0]))} and {other} in {printable(_find_name(fragment))}"
+                f"{label}: its files differ in {', '.join(map(printable, differing[:5]))}: {printable(name)} is {form} "
+                f"in {printable(_name_file(reference[0]))} and {other_form} in {printable(_name_file(fragment))}"
             )
 
 
-def _find_name(fragment):
+def _name_file(fragment):
     return os.path.basename(getattr(fragment, "path", "") or "a part")
 
 
 def open_dataset(dataset: Any, label: str, **options: Any) -> TableSource:
     """A pyarrow Dataset, wherever its files lie."""
-    _check_fragments(dataset, label)
+    _check_fragments_alike(dataset, label)
 
-    def read_batches(names, rows):
-        return dataset.to_batches(columns=list(names), batch_size=min(rows, 2**17), **options)
+    def read_batches(names, max_rows):
+        return dataset.to_batches(columns=list(names), batch_size=min(max_rows, 2**17), **options)
 
-    return _make_source(label, dataset.schema, read_batches)
+    return _make_table_source(label, dataset.schema, read_batches)
 
 
 def open_lazyframe(frame: Any, label: str) -> TableSource:
@@ -116,34 +116,34 @@ def open_lazyframe(frame: Any, label: str) -> TableSource:
     _import_pyarrow(label)  # polars's own way to it, for pyarrow before 16 does not know polars
     with as_table_error(f"{label} cannot be collected"):  # whatever a plan that cannot be carried out raises
         frame.collect_schema()
-        empty = frame.head(0).collect().to_arrow()
+        empty_table = frame.head(0).collect().to_arrow()
 
-    def read_batches(request, rows):
+    def read_batches(names, max_rows):
         with as_table_error(f"{label} cannot be collected"):
-            table = frame.select(list(request)).collect().to_arrow()
-        return table.to_batches(max_chunksize=min(rows, 2**20))
+            table = frame.select(list(names)).collect().to_arrow()
+        return table.to_batches(max_chunksize=min(max_rows, 2**20))
 
-    return _make_source(label, empty.schema, read_batches)
+    return _make_table_source(label, empty_table.schema, read_batches)
 
 
 def open_stream(table: Any, label: str) -> TableSource:
     """An object with `__arrow_c_stream__` or `__arrow_c_array__`: of pyarrow, polars, DuckDB, …"""
     arrow, _ = _import_pyarrow(label)
-    reader = _open_reader(arrow, table, label)
-    streams = [reader]
+    reader = _open_batch_reader(arrow, table, label)
+    unread_readers = [reader]
 
-    def read_batches(names, rows):
+    def read_batches(names, max_rows):
         # A table gives as many streams as are asked for; what streams once gives the one that is open.
-        stream = streams.pop() if streams else _open_reader(arrow, table, label)
-        for batch in stream:
+        batch_reader = unread_readers.pop() if unread_readers else _open_batch_reader(arrow, table, label)
+        for batch in batch_reader:
             yield batch.select(list(names))
 
-    return _make_source(label, reader.schema, read_batches)
+    return _make_table_source(label, reader.schema, read_batches)
 
 
-def _open_reader(arrow, table, label):
-    kinds = (arrow.ArrowException, ValueError, TypeError)
-    with as_table_error(f"{label} is no table, or its stream was read before", kinds=kinds):
+def _open_batch_reader(arrow, table, label):
+    error_types = (arrow.ArrowException, ValueError, TypeError)
+    with as_table_error(f"{label} is no table, or its stream was read before", kinds=error_types):
         if hasattr(table, "__arrow_c_stream__"):
             return arrow.RecordBatchReader.from_stream(table)
         batch = arrow.record_batch(table)
@@ -165,34 +165,34 @@ def _import_pyarrow(label):
 _FEWEST = 6
 
 
-def _make_source(label, schema, read_batches):
+def _make_table_source(label, schema, read_batches):
     if twins := number_twins(schema.names)[1]:
         raise TableError(f"{label}: several columns are called {', '.join(map(repr, sorted(twins)))}")
 
-    def read(names, rows):
-        buffer, count, is_empty = [], 0, True
-        for batch in _wrap_read_errors(read_batches(names, rows), label):
+    def read(names, max_rows):
+        buffer, n_buffered, has_yielded_none = [], 0, True
+        for batch in _yield_with_read_errors(read_batches(names, max_rows), label):
             while batch.num_rows:
-                n_taken = min(rows - count, batch.num_rows)
+                n_taken = min(max_rows - n_buffered, batch.num_rows)
                 buffer.append(batch.slice(0, n_taken))
-                count += n_taken
+                n_buffered += n_taken
                 batch = batch.slice(n_taken)
-                if count == rows:
-                    yield _join_batches(buffer, names, label)
-                    buffer, count, is_empty = [], 0, False
-        if buffer or is_empty:
-            yield _join_batches(buffer, names, label)
+                if n_buffered == max_rows:
+                    yield _convert_batches_to_columns(buffer, names, label)
+                    buffer, n_buffered, has_yielded_none = [], 0, False
+        if buffer or has_yielded_none:
+            yield _convert_batches_to_columns(buffer, names, label)
 
-    units, meta, descriptions = _read_schema(schema)
+    units, meta, descriptions = _read_schema_metadata(schema)
     return TableSource(label, tuple(schema.names), read, units, meta, descriptions=descriptions)
 
 
-def _wrap_read_errors(batches, label):
+def _yield_with_read_errors(batches, label):
     with as_table_error(f"{label} cannot be read as Parquet"):
         yield from batches
 
 
-def _join_batches(batches, names, label):
+def _convert_batches_to_columns(batches, names, label):
     if not batches:
         return {name: (np.empty(0), None) for name in names}
     return {name: join_blocks([_convert_array(batch.column(name), name, label) for batch in batches]) for name in names}
@@ -224,7 +224,7 @@ def _convert_array(array, name, label):
         return array.to_numpy(zero_copy_only=False), mask
 
 
-def _read_schema(schema):
+def _read_schema_metadata(schema):
     """Read units by column, metadata and descriptions, as astropy or the fields themselves have them."""
     units, descriptions = {}, {}
     for field in schema:
@@ -233,14 +233,14 @@ def _read_schema(schema):
                 units[field.name] = field.metadata[key].decode("utf-8", "replace")
         if field.metadata and field.metadata.get(b"description"):
             descriptions[field.name] = field.metadata[b"description"].decode("utf-8", "replace")
-    yaml_header = (schema.metadata or {}).get(b"table_meta_yaml")
-    if not yaml_header:
+    table_yaml = (schema.metadata or {}).get(b"table_meta_yaml")
+    if not table_yaml:
         meta = _read_pandas_attributes(schema)
         return dict(meta.pop("units", {})) | units, meta, descriptions
     from astropy.table.meta import get_header_from_yaml
 
     with as_table_error("the metadata that astropy wrote are damaged"):
-        header = get_header_from_yaml(re.split("\n", yaml_header.decode()))
+        header = get_header_from_yaml(re.split("\n", table_yaml.decode()))
         units |= {column["name"]: column["unit"] for column in header["datatype"] if "unit" in column}
         descriptions |= {
             column["name"]: str(column["description"]) for column in header["datatype"] if column.get("description")
@@ -273,7 +273,7 @@ NULLS = ("", "null", "NULL", "--")
 
 
 def read_csv_blocks(
-    opened: Callable[[], Any], layout: Any, types: Mapping[str, str], wanted: Sequence[str], rows: int
+    open_file: Callable[[], Any], layout: Any, dtypes: Mapping[str, str], wanted_names: Sequence[str], max_rows: int
 ) -> Iterator[dict[str, Any]]:
     """Rows of a table of text in blocks, four times as fast as line by line: masked numbers, or text.
 
@@ -287,38 +287,38 @@ def read_csv_blocks(
         from pyarrow import csv
     except ImportError:
         raise NotPlain from None
-    textual: set[str] = {name for name, datatype in types.items() if not datatype.startswith(("int", "uint", "float"))}
-    numbers = {name: pa.float64() if datatype.startswith("float") else pa.int64() for name, datatype in types.items()}
+    textual: set[str] = {name for name, datatype in dtypes.items() if not datatype.startswith(("int", "uint", "float"))}
+    numeric = {name: pa.float64() if datatype.startswith("float") else pa.int64() for name, datatype in dtypes.items()}
     plain_types = (pa.int64(), pa.float64(), pa.string(), pa.null())
     try:
         with ExitStack() as files:
             while True:
-                file = files.enter_context(closing(_CheckedStream(opened(), layout.delimiter)))
+                file = files.enter_context(closing(_CheckedTextStream(open_file(), layout.delimiter)))
                 conversion = csv.ConvertOptions(
-                    include_columns=list(wanted), null_values=list(NULLS), true_values=[], false_values=[],
-                    column_types=numbers | dict.fromkeys(textual, pa.string()),
+                    include_columns=list(wanted_names), null_values=list(NULLS), true_values=[], false_values=[],
+                    column_types=numeric | dict.fromkeys(textual, pa.string()),
                 )  # fmt: skip
                 reading = csv.ReadOptions(column_names=layout.names, skip_rows=layout.skip, block_size=_CSV_BLOCK)
                 reader = csv.open_csv(
                     pa.PythonFile(file, "r"), reading, csv.ParseOptions(delimiter=layout.delimiter), conversion
                 )
-                if not (time_columns := {field.name for field in reader.schema if field.type not in plain_types}):
+                if not (time_names := {field.name for field in reader.schema if field.type not in plain_types}):
                     break
-                textual |= time_columns  # times, which are text to us
+                textual |= time_names  # times, which are text to us
             batches: list[Any] = []
             for batch in reader:
                 batches.append(batch)
-                while sum(map(len, batches)) >= rows:
+                while sum(map(len, batches)) >= max_rows:
                     table = pa.Table.from_batches(batches)
-                    yield _convert_to_arrays(table.slice(0, rows), pa)
-                    batches = table.slice(rows).to_batches()
+                    yield _convert_columns_to_arrays(table.slice(0, max_rows), pa)
+                    batches = table.slice(max_rows).to_batches()
             if any(map(len, batches)):
-                yield _convert_to_arrays(pa.Table.from_batches(batches), pa)
+                yield _convert_columns_to_arrays(pa.Table.from_batches(batches), pa)
     except (pa.ArrowException, UnicodeDecodeError, OSError, EOFError) as error:
         raise NotPlain from error
 
 
-class _CheckedStream:
+class _CheckedTextStream:
     """A file whose bytes are UTF-8 as far as they are read, or UnicodeDecodeError; NotPlain where a number has a plus.
 
     Arrow takes an integer with a plus for a fraction.
@@ -327,16 +327,16 @@ class _CheckedStream:
     closed = False
 
     def __init__(self, file: Any, delimiter: str) -> None:
-        self.file, self.check, self.last = file, getincrementaldecoder("utf-8")(), b"\n"
-        self.plus = (delimiter.encode() + b"+", b"\n+")
+        self.file, self.decoder, self.last_byte = file, getincrementaldecoder("utf-8")(), b"\n"
+        self.plus_patterns = (delimiter.encode() + b"+", b"\n+")
 
-    def read(self, size: int = -1) -> bytes:
+    def read(self, n_bytes: int = -1) -> bytes:
         """Some bytes more."""
-        chunk: bytes = self.file.read(size)
-        self.check.decode(chunk, final=not chunk)
-        if any(plus in self.last + chunk for plus in self.plus):
+        chunk: bytes = self.file.read(n_bytes)
+        self.decoder.decode(chunk, final=not chunk)
+        if any(plus in self.last_byte + chunk for plus in self.plus_patterns):
             raise NotPlain
-        self.last = chunk[-1:]
+        self.last_byte = chunk[-1:]
         return chunk
 
     def close(self) -> None:
@@ -344,7 +344,7 @@ class _CheckedStream:
         self.file.close()
 
 
-def _convert_to_arrays(table, pa):
+def _convert_columns_to_arrays(table, pa):
     arrays = {}
     for name in table.column_names:
         column = table.column(name)

@@ -43,7 +43,7 @@ from vsh.tools.printing import printable
 from vsh.tools.types import PathName, Table
 
 #: Seconds until a server that does not answer is given up.
-CONNECT, ANSWER = 10.0, 60.0
+CONNECT_TIME, ANSWER_TIME = 10.0, 60.0
 
 
 def is_address(source: Any) -> bool:
@@ -66,16 +66,16 @@ class RemotePath(NamedTuple):
         return RemotePath(self.filesystem, path, f"{self.label.rstrip('/')}/{PurePosixPath(path).name}", None)
 
 
-def fingerprint_of(place: RemotePath) -> tuple[Any, ...]:
+def fingerprint_of(remote_path: RemotePath) -> tuple[Any, ...]:
     """Read size, time of change and mark (ETag) of a file at an address, by which it is known again."""
     try:
-        if hasattr(place.filesystem, "handler"):  # of fsspec, whose libraries have names of their own for these
-            facts = place.filesystem.handler.fs.info(place.path)
-            return tuple(str(facts.get(name)) for name in ("size", "ETag", "mtime", "created", "LastModified"))
-        facts = place.filesystem.get_file_info(place.path)
-        return facts.size, facts.mtime_ns
+        if hasattr(remote_path.filesystem, "handler"):  # of fsspec, whose libraries have names of their own for these
+            file_info = remote_path.filesystem.handler.fs.info(remote_path.path)
+            return tuple(str(file_info.get(name)) for name in ("size", "ETag", "mtime", "created", "LastModified"))
+        file_info = remote_path.filesystem.get_file_info(remote_path.path)
+        return file_info.size, file_info.mtime_ns
     except Exception as error:  # whatever a server that dies makes of its library
-        raise (_find_refusal(place) or _make_unreachable_error(place.label, error)) from error
+        raise (_find_refusal_error(remote_path) or _make_unreachable_error(remote_path.label, error)) from error
 
 
 def find_remote_path(source: Any) -> RemotePath:
@@ -101,8 +101,8 @@ def find_remote_path(source: Any) -> RemotePath:
         import fsspec
 
         # Arrow asks for the ranges that it needs, and joins near ones: reading ahead would fetch the rest as well.
-        http = {"cache_type": "none", "client_kwargs": {"timeout": _make_http_timeout()}}
-        options = http if scheme in ("http", "https") else {}
+        http_options = {"cache_type": "none", "client_kwargs": {"timeout": _make_http_timeout()}}
+        options = http_options if scheme in ("http", "https") else {}
         filesystem, path = fsspec.core.url_to_fs(address, **options)
         return RemotePath(pyarrow.fs.PyFileSystem(pyarrow.fs.FSSpecHandler(filesystem)), path, label, source)
     except ImportError as error:
@@ -117,7 +117,7 @@ def find_remote_path(source: Any) -> RemotePath:
 def _make_http_timeout():
     import aiohttp
 
-    return aiohttp.ClientTimeout(total=None, connect=CONNECT, sock_read=ANSWER)
+    return aiohttp.ClientTimeout(total=None, connect=CONNECT_TIME, sock_read=ANSWER_TIME)
 
 
 def _find_bucket_path(address):
@@ -131,15 +131,15 @@ def _is_anonymous(address, has_credentials):
 
 
 def _open_s3_filesystem(address, fs):
-    names = ("AWS_ACCESS_KEY_ID", "AWS_PROFILE", "AWS_WEB_IDENTITY_TOKEN_FILE", "AWS_CONTAINER_CREDENTIALS_FULL_URI")
-    has_credentials = any(map(os.environ.get, names)) or os.path.exists(os.path.expanduser("~/.aws/credentials"))
+    settings = ("AWS_ACCESS_KEY_ID", "AWS_PROFILE", "AWS_WEB_IDENTITY_TOKEN_FILE", "AWS_CONTAINER_CREDENTIALS_FULL_URI")
+    has_credentials = any(map(os.environ.get, settings)) or os.path.exists(os.path.expanduser("~/.aws/credentials"))
     anonymous = _is_anonymous(address, has_credentials)
     endpoint = os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL") or ""
     scheme, _, host = endpoint.rpartition("://")
     options = {"endpoint_override": host, "scheme": scheme or "https"} if host else {}
     region = os.environ.get("AWS_REGION") or os.environ.get("AWS_DEFAULT_REGION")
     options |= {"region": region} if region else {}
-    return fs.S3FileSystem(anonymous=anonymous, connect_timeout=CONNECT, request_timeout=ANSWER, **options)
+    return fs.S3FileSystem(anonymous=anonymous, connect_timeout=CONNECT_TIME, request_timeout=ANSWER_TIME, **options)
 
 
 def _make_unreachable_error(label, error):
@@ -151,26 +151,26 @@ def _make_unreachable_error(label, error):
     )
 
 
-def _find_refusal(place):
+def _find_refusal_error(remote_path):
     """Find the error of a web server that answers that it does not give a file; None where it gives it."""
-    if not str(place.address).startswith(("http://", "https://")):
+    if not str(remote_path.address).startswith(("http://", "https://")):
         return None
     try:
-        place.filesystem.handler.fs.info(place.path)
+        remote_path.filesystem.handler.fs.info(remote_path.path)
     except Exception as error:  # the library raises another error, from that with the status
         status = getattr(error.__cause__ or error.__context__, "status", None)
         if isinstance(status, int) and status >= 400:
             name = responses.get(status, "no reason")
             hint = "try again later" if status >= 500 else "look at the address"
-            return TableError(f"{place.label} cannot be read: the server answers {status} ({name}): {hint}")
+            return TableError(f"{remote_path.label} cannot be read: the server answers {status} ({name}): {hint}")
     return None
 
 
-def open_at(source: Any, file_format: str | None) -> TableSource:
+def open_remote_table(source: Any, file_format: str | None) -> TableSource:
     """A table at an address."""
-    location = source if isinstance(source, RemotePath) else find_remote_path(source)
-    label = location.label
-    files = list_files_at(location)
+    remote_path = source if isinstance(source, RemotePath) else find_remote_path(source)
+    label = remote_path.label
+    files = list_remote_tables(remote_path)
     if len(files) > 1:
         raise TableError(f"{label} holds {len(files)} files: go through them with vsh.io.catalogue.parts, or --workers")
     (file,) = files
@@ -179,20 +179,20 @@ def open_at(source: Any, file_format: str | None) -> TableSource:
         try:
             return open_parquet_at(file.filesystem, file.path, label)
         except TableError as error:
-            raise (_find_refusal(file) or error) from error
-    copy = TemporaryPath(PurePosixPath(file.path).name)
+            raise (_find_refusal_error(file) or error) from error
+    path = TemporaryPath(PurePosixPath(file.path).name)
     try:
-        with file.filesystem.open_input_stream(file.path, compression=None) as stream, open(copy.name, "wb") as output:
+        with file.filesystem.open_input_stream(file.path, compression=None) as stream, open(path.name, "wb") as output:
             shutil.copyfileobj(stream, output, 2**20)
     except Exception as error:  # whatever a server that dies makes of its library
-        raise (_find_refusal(file) or _make_unreachable_error(label, error)) from error
-    file_format = file_format or _find_format(Path(copy.name), label)
-    return _keep_copy(_open_file(Path(copy.name), label, file_format), copy)
+        raise (_find_refusal_error(file) or _make_unreachable_error(label, error)) from error
+    file_format = file_format or _find_format(Path(path.name), label)
+    return _keep_temporary_path(_open_table_file(Path(path.name), label, file_format), path)
 
 
-def _keep_copy(table, copy):
-    """A table that holds the copy it is read from."""
-    return replace(table, read=lambda names, rows, _held=copy: table.read(names, rows))
+def _keep_temporary_path(table_source, temporary_path):
+    """A table that keeps the temporary path of the copy it is read from."""
+    return replace(table_source, read=lambda names, rows, _held=temporary_path: table_source.read(names, rows))
 
 
 def _find_format_by_ending(path):
@@ -206,26 +206,26 @@ def _find_format_by_ending(path):
 _COLLECTION_REFUSED = "is a HATS collection, whose margin cache repeats sources: name the folder of its main catalogue"
 
 
-def list_files_at(place: RemotePath) -> list[RemotePath]:
+def list_remote_tables(location: RemotePath) -> list[RemotePath]:
     """List the tables of a folder at an address by name, or the file."""
     import pyarrow.fs as fs
 
-    if isinstance(place.address, str) and place.address.startswith(("http://", "https://")):
-        return [place]  # which lists no folders, and would be asked for the whole file to see whether it is there
+    if isinstance(location.address, str) and location.address.startswith(("http://", "https://")):
+        return [location]  # which lists no folders, and would be asked for the whole file to see whether it is there
     try:
-        info = place.filesystem.get_file_info(place.path)
-        if info.type == fs.FileType.File:
-            return [place]
-        if info.type == fs.FileType.NotFound:
-            raise TableError(f"{place.label}: there is no such file or folder, or no server answers")
-        entries = place.filesystem.get_file_info(fs.FileSelector(place.path, recursive=True))
+        file_info = location.filesystem.get_file_info(location.path)
+        if file_info.type == fs.FileType.File:
+            return [location]
+        if file_info.type == fs.FileType.NotFound:
+            raise TableError(f"{location.label}: there is no such file or folder, or no server answers")
+        entries = location.filesystem.get_file_info(fs.FileSelector(location.path, recursive=True))
     except Exception as error:  # whatever a server that dies makes of its library
         if isinstance(error, TableError):
             raise
-        raise _make_unreachable_error(place.label, error) from error
-    inside = {entry.path[len(place.path) :].lstrip("/"): entry.path for entry in entries if entry.is_file}
+        raise _make_unreachable_error(location.label, error) from error
+    inside = {entry.path[len(location.path) :].lstrip("/"): entry.path for entry in entries if entry.is_file}
     if "collection.properties" in inside:
-        raise TableError(f"{place.label} {_COLLECTION_REFUSED}")
+        raise TableError(f"{location.label} {_COLLECTION_REFUSED}")
     if "hats.properties" in inside or ("properties" in inside and any(p.startswith("dataset/") for p in inside)):
         paths = {p: full for p, full in inside.items() if p.startswith("dataset/Norder=") and p.endswith(".parquet")}
     else:
@@ -234,20 +234,20 @@ def list_files_at(place: RemotePath) -> list[RemotePath]:
         }
         paths = {p: full for p, full in inside.items() if p not in hidden_paths and _find_format_by_ending(p)}
     if not paths:
-        raise TableError(f"{place.label} is a folder without tables: known endings are {', '.join(formats.READ)}")
+        raise TableError(f"{location.label} is a folder without tables: known endings are {', '.join(formats.READ)}")
     file_formats = {_find_format_by_ending(p) for p in paths}
     if len(file_formats) > 1:
         raise TableError(
-            f"{place.label} holds tables of several formats ({', '.join(sorted(file_formats))}): name those of one"
+            f"{location.label} holds tables of several formats ({', '.join(sorted(file_formats))}): name those of one"
         )
-    return [place.make_child(paths[p]) for p in sorted(paths)]
+    return [location.make_child(paths[p]) for p in sorted(paths)]
 
 
 #: The name of the file in which a command keeps what came in on standard input; where it lies is nobody's business.
 STANDARD_INPUT = "standard input"
 
 
-def _open_file(path, label, file_format):
+def _open_table_file(path, label, file_format):
     """A file of a known format, by the reader that its row names."""
     module, _, name = BY_KIND[file_format].opens.partition(":")
     return getattr(import_module(module), name)(path, label)
@@ -281,9 +281,9 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
     if isinstance(source, TableSource):
         return source
     if is_address(source) or isinstance(source, RemotePath):
-        return open_at(source, _find_kind(format))
+        return open_remote_table(source, _find_format_kind(format))
     if isinstance(source, (str, os.PathLike)):
-        return _open_path(source, format)
+        return _open_table_at_path(source, format)
     if is_dataframe(source):
         return open_dataframe(source)
     if any(c.__name__ == "SkyCoord" for c in type(source).__mro__):
@@ -310,28 +310,28 @@ _LFS_POINTER = b"version https://git-lfs"
 _NUMBERED_TABLE = re.compile(r"(.+)#([^#]+)")
 
 
-def _find_kind(format):
+def _find_format_kind(format):
     """Find the kind of a format by its name; None where it is not said."""
     if format is not None and format not in BY_NAME:
         raise TableError(f"no format is called {format!r}: {', '.join(BY_NAME)} are")
     return format and BY_NAME[format].kind
 
 
-def _open_path(path, format):
-    kind = _find_kind(format)
+def _open_table_at_path(path, format):
+    kind = _find_format_kind(format)
     path_text = os.fspath(path)
     path_text = path_text.decode("utf-8", "replace") if isinstance(path_text, bytes) else path_text
     label = STANDARD_INPUT if os.path.basename(path_text) == STANDARD_INPUT else printable(path_text)
     path = Path(path if not isinstance(path, bytes) else os.fsdecode(path))
     try:
         if path.is_dir():
-            return _open_folder(path, label, format)
+            return _open_table_folder(path, label, format)
         if (match := _NUMBERED_TABLE.fullmatch(path_text)) and not path.exists() and Path(match[1]).is_file():
-            path, table = Path(match[1]), match[2]
+            path, table_word = Path(match[1]), match[2]
             if (kind or _find_format(path, label)) == "fits":
-                return open_fits(path, label, table)
-            if table.isdecimal():
-                return open_numbered_table(path, int(table), label)
+                return open_fits(path, label, table_word)
+            if table_word.isdecimal():
+                return open_numbered_table(path, int(table_word), label)
             raise TableError(f"{label}: tables of text have numbers, those of FITS names as well")
         if not path.is_file():
             raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
@@ -339,8 +339,8 @@ def _open_path(path, format):
             if file.read(len(_LFS_POINTER)) == _LFS_POINTER:
                 raise TableError(f"{label} is a pointer of Git LFS in place of the file: fetch that (git lfs pull)")
         if path.suffix.lower() in ("", ".zip") and zipfile.is_zipfile(path):
-            return _open_zip(path, label, format)
-        return _open_file(path, label, kind or _find_format(path, label))
+            return _open_zipped_tables(path, label, format)
+        return _open_table_file(path, label, kind or _find_format(path, label))
     except (OSError, ValueError) as error:
         if isinstance(error, TableError):
             raise
@@ -353,9 +353,9 @@ def _find_format(path, label):
         return kind
     if _has_cds_readme(path):
         return "ascii.cds"
-    beginning = read_first_bytes(path, label)
+    first_bytes = read_first_bytes(path, label)
     for table_format in FORMATS:
-        if table_format.begins is not None and table_format.begins.match(beginning):
+        if table_format.begins is not None and table_format.begins.match(first_bytes):
             return table_format.kind
     hint = f" Known endings: {', '.join(READ)}, each also with .gz, or several in a .zip." * (label != STANDARD_INPUT)
     raise TableError(
@@ -374,37 +374,37 @@ def _has_cds_readme(path):
         return False
 
 
-def _open_folder(path, label, format):
+def _open_table_folder(path, label, format):
     file_format, files = _find_format_and_files(path, label, format)
     if file_format == "parquet":
         return open_parquet(files, label)  # one dataset
-    return concatenate_sources(label, [_open_file(file, printable(file), file_format) for file in files])
+    return concatenate_sources(label, [_open_table_file(file, printable(file), file_format) for file in files])
 
 
-def _open_zip(path, label, format):
+def _open_zipped_tables(path, label, format):
     """The tables of a zip archive, as those of a folder."""
-    copy = TemporaryPath("tables")
-    folder = Path(copy.name)
+    temporary_path = TemporaryPath("tables")
+    folder = Path(temporary_path.name)
     folder.mkdir()
-    damage = unpacking(label, zipfile.BadZipFile, NotImplementedError, RuntimeError)
-    with damage, zipfile.ZipFile(path) as archive:
+    unpacking_errors = unpacking(label, zipfile.BadZipFile, NotImplementedError, RuntimeError)
+    with unpacking_errors, zipfile.ZipFile(path) as archive:
         members = [member for member in archive.infolist() if not member.is_dir()]
-        size, largest_size = sum(member.file_size for member in members), _MOST_EXPANSION * path.stat().st_size
-        if size > largest_size:
-            raise TableError(f"{label} would unpack to {size} bytes, more than {largest_size}: unpack it yourself")
+        n_bytes, largest_size = sum(member.file_size for member in members), _MOST_EXPANSION * path.stat().st_size
+        if n_bytes > largest_size:
+            raise TableError(f"{label} would unpack to {n_bytes} bytes, more than {largest_size}: unpack it yourself")
         for number, member in enumerate(members):
             member_path = PurePosixPath(member.filename)
             if any(component.startswith((".", "_")) for component in member_path.parts):
                 continue
             with archive.open(member) as stream, open(folder / f"{number:06d}-{member_path.name}", "wb") as output:
                 shutil.copyfileobj(stream, output, 2**20)
-    return _keep_copy(_open_folder(folder, label, format), copy)
+    return _keep_temporary_path(_open_table_folder(folder, label, format), temporary_path)
 
 
 def files_of(path: PathName, format: str | None = None) -> list[Any]:
     """List the files that `open_table` would read from a path or an address: those of a folder by name, or the file."""
     if is_address(path):
-        return list_files_at(find_remote_path(path))
+        return list_remote_tables(find_remote_path(path))
     path, label = Path(path), printable(path)
     if path.is_dir():
         return _find_format_and_files(path, label, format)[1]
@@ -415,20 +415,20 @@ def files_of(path: PathName, format: str | None = None) -> list[Any]:
 
 def _find_format_and_files(path, label, format=None):
     """Find the format and the files of a folder."""
-    path = _find_main_folder(path, label)
-    if _is_hats(path):  # beside its partitions lie a thumbnail of them, and maps of the sky
+    path = _find_main_catalogue(path, label)
+    if _is_hats_catalogue(path):  # beside its partitions lie a thumbnail of them, and maps of the sky
         files = [
             partition for partition in sorted((path / "dataset").glob("Norder=*/**/*.parquet")) if partition.is_file()
         ]
         if not files:
             raise TableError(f"{label} is a catalogue in HATS format without partitions")
-        return "parquet", _check_listed_partitions(path, files, label)
+        return "parquet", _select_listed_partitions(path, files, label)
     groups = {}
     for file in sorted(path.rglob("*")):
         components = file.relative_to(path).parts
         if any(component.startswith((".", "_")) for component in components) or not file.is_file():
             continue
-        if kind := _find_kind(format) or _find_format_by_ending(file):
+        if kind := _find_format_kind(format) or _find_format_by_ending(file):
             groups.setdefault(kind, []).append(file)
     folders = {folder for files in groups.values() for file in files for folder in file.relative_to(path).parts[:-1]}
     keys = {name.partition("=")[0] for name in folders if "=" in name} - {"Norder", "Dir", "Npix"}
@@ -447,11 +447,11 @@ def _find_format_and_files(path, label, format=None):
     return next(iter(groups.items()))
 
 
-def _is_hats(path):
+def _is_hats_catalogue(path):
     return (path / "hats.properties").is_file() or ((path / "properties").is_file() and (path / "dataset").is_dir())
 
 
-def _check_listed_partitions(path, files, label):
+def _select_listed_partitions(path, files, label):
     """Return the partitions that a HATS catalogue lists; raise TableError unless all are there with all their rows."""
     info_path = path / "partition_info.csv"
     if not info_path.is_file():
@@ -469,19 +469,19 @@ def _check_listed_partitions(path, files, label):
             f"{label} lacks {len(absent)} of {len(partitions)} partitions that its partition_info.csv lists (first: "
             f"{printable(absent[0])}): fetch them again, or name the folder dataset to read what is there"
         )
-    listed = [file for partition, file in numbered_files if partition in partitions]
-    stated_rows = _read_property(path / "hats.properties", "hats_nrows")
+    listed_files = [file for partition, file in numbered_files if partition in partitions]
+    stated_rows = _read_hats_property(path / "hats.properties", "hats_nrows")
     if stated_rows.isdecimal():
         from pyarrow.parquet import read_metadata
 
         with as_table_error(f"{label} cannot be read as Parquet"):
-            rows = sum(read_metadata(file).num_rows for file in listed)
-        if rows != int(stated_rows):
-            raise TableError(f"{label} has {rows} rows, and its hats.properties says {stated_rows}: fetch it again")
-    return listed
+            n_rows = sum(read_metadata(file).num_rows for file in listed_files)
+        if n_rows != int(stated_rows):
+            raise TableError(f"{label} has {n_rows} rows, and its hats.properties says {stated_rows}: fetch it again")
+    return listed_files
 
 
-def _read_property(path, key):
+def _read_hats_property(path, key):
     """Read a value of a file of properties, empty where there is none."""
     if not path.is_file():
         return ""
@@ -489,13 +489,13 @@ def _read_property(path, key):
     return {name.strip(): value.strip() for name, _, value in pairs}.get(key, "")
 
 
-def _find_main_folder(path, label):
+def _find_main_catalogue(path, label):
     """Find the main catalogue of a HATS collection, whose margin cache repeats sources; else the folder itself."""
-    properties = path / "collection.properties"
-    if not properties.is_file():
+    properties_path = path / "collection.properties"
+    if not properties_path.is_file():
         return path
-    name = _read_property(properties, "hats_primary_table_url")
-    if not name or not _is_hats(path / name):
+    name = _read_hats_property(properties_path, "hats_primary_table_url")
+    if not name or not _is_hats_catalogue(path / name):
         raise TableError(f"{label} {_COLLECTION_REFUSED}")
     return path / name
 
@@ -517,7 +517,7 @@ def read_table(path: PathName) -> Table:
     if not source.names:
         raise TableError(f"{source.label} has no columns")
     if source.meta.get("__special__"):  # columns of more than one number a row: astropy's own ECSV
-        return _read_ecsv(path, source.label)
+        return _read_ecsv_table(path, source.label)
     return source.to_table()
 
 
@@ -528,7 +528,7 @@ def as_table(source: Any) -> Table:
     return source if isinstance(source, Table) else read_table(source)
 
 
-def _read_ecsv(path, label):
+def _read_ecsv_table(path, label):
     from astropy.table import Table
 
     _check_longest_line(path, label)
@@ -538,10 +538,10 @@ def _read_ecsv(path, label):
 
 def _check_longest_line(path, label, limit=2**28):
     """Raise TableError where a line is so long that NumPy, which gives every row its room, would fill the memory."""
-    longest = n_lines = 0
+    longest_length = n_lines = 0
     with open(path, "rb") as file:
         for line in file:
             if not line.startswith(b"#"):
-                longest, n_lines = max(longest, len(line)), n_lines + 1
-    if 4 * longest * n_lines > max(limit, 16 * Path(path).stat().st_size):
-        raise TableError(f"{label} is damaged, or no result: a line of {longest} characters among {n_lines}")
+                longest_length, n_lines = max(longest_length, len(line)), n_lines + 1
+    if 4 * longest_length * n_lines > max(limit, 16 * Path(path).stat().st_size):
+        raise TableError(f"{label} is damaged, or no result: a line of {longest_length} characters among {n_lines}")

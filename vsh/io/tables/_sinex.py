@@ -29,24 +29,24 @@ def open_sinex(path: PathName, label: str) -> TableSource:
         estimates = [line.split() for line in blocks["SOLUTION/ESTIMATE"]]
         values = {(row[2], row[1]): tuple(map(_parse_number, row[-2:])) for row in estimates if row[1] in _PARAMETERS}
         codes = [code for code in names if all((code, parameter) in values for parameter in _PARAMETERS)]
-        lon, east, lat, north = np.array([values[code, "RS_RA"] + values[code, "RS_DE"] for code in codes]).T
+        lon, lon_error, lat, lat_error = np.array([values[code, "RS_RA"] + values[code, "RS_DE"] for code in codes]).T
         estimate_rows = {(row[2], row[1]): k for k, row in enumerate(estimates) if row[1] in _PARAMETERS}
         errors = np.array([_parse_number(row[-1]) for row in estimates])
-        rows = [estimate_rows[code, parameter] for parameter in _PARAMETERS for code in codes]
-        covariance = _read_covariance(label, blocks, [int(row[0]) for row in estimates], rows, errors)
+        matrix_rows = [estimate_rows[code, parameter] for parameter in _PARAMETERS for code in codes]
+        covariance = _read_covariance(label, blocks, [int(row[0]) for row in estimates], matrix_rows, errors)
     except (KeyError, IndexError, ValueError, np.linalg.LinAlgError) as error:
         reason = f"it has no block {error}" if isinstance(error, KeyError) else f"none, or a damaged one ({error})"
         raise TableError(f"{label} is no solution of positions (RS_RA, RS_DE) in SINEX: {reason}") from None
     n_sources = len(codes)
     if covariance is not None:
-        east, north = np.sqrt(covariance.diagonal()).reshape(2, n_sources)
-    rho = np.zeros(n_sources) if covariance is None else np.diagonal(covariance, n_sources) / (east * north)
+        lon_error, lat_error = np.sqrt(covariance.diagonal()).reshape(2, n_sources)
+    rho = np.zeros(n_sources) if covariance is None else np.diagonal(covariance, n_sources) / (lon_error * lat_error)
     columns = {
         "icrf": np.array([names[code][1].removeprefix("ICRF ") for code in codes]),
         "iers": np.array([names[code][0] for code in codes]),
         "defining": np.full(len(codes), ""),
         "ra": np.degrees(lon) % 360, "dec": np.degrees(lat),
-        "ra_error": east * np.cos(lat) * _MAS, "dec_error": north * _MAS, "ra_dec_corr": rho,
+        "ra_error": lon_error * np.cos(lat) * _MAS, "dec_error": lat_error * _MAS, "ra_dec_corr": rho,
     }  # fmt: skip
     units = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
     source = open_dict_or_array(columns)
@@ -62,10 +62,10 @@ def open_sinex(path: PathName, label: str) -> TableSource:
     return TableSource(label, source.names, source.read, units, notes=notes, covariance=covariance)
 
 
-def _split_into_blocks(lines, label):
+def _split_into_blocks(sinex_lines, label):
     """Split lines into blocks by title, without comments; that of a matrix has its triangle and kind in the title."""
     blocks, block_lines, last_line = {}, [], ""
-    for line in lines:
+    for line in sinex_lines:
         last_line = line if line.strip() else last_line
         if line.startswith("+"):
             block_lines = blocks.setdefault(line[1:].strip(), [])
@@ -81,17 +81,17 @@ def _parse_number(text):
     return float(text.upper().replace("D", "E"))
 
 
-def _read_covariance(label, blocks, indices, rows, errors):
-    """Read the covariance of the estimates in some rows, of those with `indices`; None if there is no matrix. [rad²]"""
+def _read_covariance(label, blocks, estimate_indices, rows, errors):
+    """Read the covariance of the estimates that stand in some rows; None if there is no matrix. [rad²]"""
     title = next((name for name in blocks if name.startswith("SOLUTION/MATRIX_ESTIMATE")), "")
     matrix_kind = title.split()[-1] if title else ""
-    if matrix_kind not in ("COVA", "CORR", "INFO") or len(indices) > 2 * _MOST:
+    if matrix_kind not in ("COVA", "CORR", "INFO") or len(estimate_indices) > 2 * _MOST:
         return None
-    row_of_index = {index: position for position, index in enumerate(indices)}
-    matrix: FloatArray = np.zeros((len(indices), len(indices)))
+    row_of_index = {index: matrix_row for matrix_row, index in enumerate(estimate_indices)}
+    matrix: FloatArray = np.zeros((len(estimate_indices), len(estimate_indices)))
     for line in blocks[title]:
-        row_index, first, *numbers = line.split()
-        for column, element in enumerate(numbers, int(first)):
+        row_index, first_column, *numbers = line.split()
+        for column, element in enumerate(numbers, int(first_column)):
             if int(row_index) not in row_of_index or column not in row_of_index:
                 raise TableError(f"{label}: the matrix has an element ({row_index}, {column}) of no estimate")
             i, j = row_of_index[int(row_index)], row_of_index[column]

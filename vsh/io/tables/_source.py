@@ -32,9 +32,9 @@ _MAGIC = {b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ\0": "xz", b"\x28\xb5\
 _OPENERS: dict[str, Callable[..., Any]] = {"gzip": gzip.open, "bzip2": bz2.open, "xz": lzma.open}
 
 
-def find_packing(beginning: bytes) -> str | None:
+def find_packing(first_bytes: bytes) -> str | None:
     """Find the packing of a file by its first bytes; None where it is not packed."""
-    return next((name for magic, name in _MAGIC.items() if beginning.startswith(magic)), None)
+    return next((packing for magic, packing in _MAGIC.items() if first_bytes.startswith(magic)), None)
 
 
 def open_unpacked(path: PathName, label: str) -> io.BufferedReader:
@@ -55,11 +55,11 @@ def open_unpacked(path: PathName, label: str) -> io.BufferedReader:
     return io.BufferedReader(pyarrow.input_stream(os.fspath(path), compression="zstd"), 2**20)
 
 
-def read_first_bytes(path: PathName, label: str, count: int = 2**14) -> bytes:
+def read_first_bytes(path: PathName, label: str, n_bytes: int = 2**14) -> bytes:
     """Read the first bytes of a file, unpacked; as many as can be had where it is damaged."""
     try:
         with open_unpacked(path, label) as stream:
-            return stream.read(count)
+            return stream.read(n_bytes)
     except (*DAMAGE, TableError):
         return b""
 
@@ -94,12 +94,12 @@ def unpack_file(path: PathName, label: str) -> Any:
     with open(path, "rb") as file:
         if find_packing(file.read(6)) is None:
             return file
-    copy = TemporaryPath(Path(path).stem)
-    with unpacking(label), open_unpacked(path, label) as stream, open(copy.name, "wb") as output:
+    temporary_path = TemporaryPath(Path(path).stem)
+    with unpacking(label), open_unpacked(path, label) as stream, open(temporary_path.name, "wb") as output:
         while chunk := stream.read(2**20):
             output.write(chunk)
             check_unpacked_size(label, output.tell(), os.path.getsize(path))
-    return copy
+    return temporary_path
 
 
 #: Rows in a block where nobody asked for a number.
@@ -131,8 +131,8 @@ class TableSource(InNotebook):
         """Some columns in blocks of at most `rows` rows: dicts of (values, mask or None)."""
         request = tuple(self.names if names is None else names)
         # astropy keeps a mask that a format cannot hold as a column of its own beside the values.
-        masks = tuple(f"{name}.mask" for name in request if f"{name}.mask" in self.names)
-        for block in self.read(tuple(dict.fromkeys(request + masks)), rows):
+        mask_names = tuple(f"{name}.mask" for name in request if f"{name}.mask" in self.names)
+        for block in self.read(tuple(dict.fromkeys(request + mask_names)), rows):
             yield {name: _apply_mask_column(block, name) for name in request}
 
     @name_step("reading")
@@ -165,44 +165,44 @@ def number_twins(names: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
     (['ra', 'dec', 'ra_2'], ('ra',))
     """
     counts: dict[str, int] = {}
-    unique: dict[str, None] = {}
+    unique_names: dict[str, None] = {}
     original_names = set(names)
     for name in names:
         counts[name] = counts.get(name, 0) + 1
         candidate, number = name, counts[name]
-        while candidate in unique or (candidate != name and candidate in original_names):
+        while candidate in unique_names or (candidate != name and candidate in original_names):
             candidate, number = f"{name}_{number}", number + 1
-        unique[candidate] = None
-    return list(unique), tuple(name for name, count in counts.items() if count > 1)
+        unique_names[candidate] = None
+    return list(unique_names), tuple(name for name, count in counts.items() if count > 1)
 
 
 def concatenate_sources(label: str, sources: Sequence[TableSource]) -> TableSource:
     """Several tables with the same columns, one after the other, as one; what is read must be in all of them."""
     reference = sources[0]
-    owners = {name: source for source in reversed(sources) for name in source.names}
-    order = tuple(dict.fromkeys(name for source in sources for name in source.names))
-    units = {name: owners[name].units[name] for name in order if name in owners[name].units}
+    first_sources = {name: source for source in reversed(sources) for name in source.names}
+    all_names = tuple(dict.fromkeys(name for source in sources for name in source.names))
+    units = {name: first_sources[name].units[name] for name in all_names if name in first_sources[name].units}
 
-    def read(names, rows):
+    def read(names, max_rows):
         for source in sources:
             for name in names:
-                check_alike(source, owners[name].label, {name: str(units.get(name))})
-            yield from source.read(names, rows)
+                check_layout(source, first_sources[name].label, {name: str(units.get(name))})
+            yield from source.read(names, max_rows)
 
     notes = tuple(dict.fromkeys(note for source in sources for note in source.notes))
-    return TableSource(label, order, read, units, reference.meta, notes, descriptions=reference.descriptions)
+    return TableSource(label, all_names, read, units, reference.meta, notes, descriptions=reference.descriptions)
 
 
 def cache_columns(source: TableSource) -> TableSource:
     """Cache the columns of a table, each of which is then read once."""
     cache: dict[str, Any] = {}
 
-    def read(names, rows):
+    def read(names, max_rows):
         missing_names = [name for name in names if name not in cache]
         cache.update(source.columns(missing_names) if missing_names else {})
         columns = {name: cache[name] for name in names}
-        for start in range(0, max(1, len(next(iter(columns.values()))[0])), rows):
-            chunk = slice(start, start + rows)
+        for start in range(0, max(1, len(next(iter(columns.values()))[0])), max_rows):
+            chunk = slice(start, start + max_rows)
             yield {
                 name: (values[chunk], None if mask is None else mask[chunk]) for name, (values, mask) in columns.items()
             }
@@ -210,7 +210,7 @@ def cache_columns(source: TableSource) -> TableSource:
     return replace(source, read=read)
 
 
-def check_alike(source: TableSource, label: str, units: Mapping[str, str]) -> None:
+def check_layout(source: TableSource, label: str, units: Mapping[str, str]) -> None:
     """Raise TableError unless a table has the columns of another, in its units."""
     missing = [name for name in units if name not in source.names]
     if missing:
@@ -226,10 +226,10 @@ def _apply_mask_column(block, name):
         return values, mask
     mask_column = np.asarray(block[f"{name}.mask"][0])
     if mask_column.dtype.kind == "O":  # lists, in which some numbers are missing
-        masks, rows = [np.asarray(row, bool) for row in mask_column], np.empty(len(values), object)
-        for i, (row, is_missing) in enumerate(zip(values, masks, strict=True)):
-            rows[i] = np.where(is_missing, np.nan, row)
-        values, mask_column = rows, np.array([row.all() for row in masks])
+        row_masks, nan_rows = [np.asarray(row, bool) for row in mask_column], np.empty(len(values), object)
+        for i, (row, is_missing) in enumerate(zip(values, row_masks, strict=True)):
+            nan_rows[i] = np.where(is_missing, np.nan, row)
+        values, mask_column = nan_rows, np.array([row.all() for row in row_masks])
     mask_column = mask_column.astype(bool)
     return values, mask_column if mask is None else mask | mask_column
 
@@ -246,21 +246,21 @@ def join_blocks(blocks: Sequence[Any]) -> Any:
 
 def open_astropy(table: Any) -> TableSource:
     """An astropy Table or QTable; a column of coordinates gives positions, motions and distances."""
-    coordinates = [name for name in table.colnames if hasattr(table[name], "spherical")]
-    if coordinates:
-        plain = table[[name for name in table.colnames if name not in coordinates]]
-        columns, frame = _convert_skycoord(table[coordinates[0]])
+    coordinate_names = [name for name in table.colnames if hasattr(table[name], "spherical")]
+    if coordinate_names:
+        plain_table = table[[name for name in table.colnames if name not in coordinate_names]]
+        columns, frame = _convert_skycoord(table[coordinate_names[0]])
         for name, values in columns.items():
-            if name not in plain.colnames:
-                plain[name] = values
-        plain.meta[FRAME_KEY] = frame
-        return open_astropy(plain)
+            if name not in plain_table.colnames:
+                plain_table[name] = values
+        plain_table.meta[FRAME_KEY] = frame
+        return open_astropy(plain_table)
     names = tuple(table.colnames)
     units = {name: table[name].unit for name in names if getattr(table[name], "unit", None) is not None}
 
-    def read(request, rows):
-        for start in range(0, max(1, len(table)), rows):
-            yield {name: _convert_column(table[name][start : start + rows]) for name in request}
+    def read(request, max_rows):
+        for start in range(0, max(1, len(table)), max_rows):
+            yield {name: _convert_astropy_column(table[name][start : start + max_rows]) for name in request}
 
     descriptions = {name: table[name].description for name in names if getattr(table[name], "description", None)}
     return TableSource("the table", names, read, units, dict(table.meta), descriptions=descriptions)
@@ -299,11 +299,11 @@ def open_dataframe(frame: Any) -> TableSource:
     names = tuple(map(str, frame.columns))
     if len(set(names)) < len(names):
         raise TableError(f"the table has several columns of one name: {', '.join(names)}")
-    numbers = dict(zip(names, range(len(names)), strict=True))
+    places = dict(zip(names, range(len(names)), strict=True))
 
-    def read(request, rows):
-        for start in range(0, max(1, len(frame)), rows):
-            yield {name: _convert_series(frame.iloc[start : start + rows, numbers[name]], name) for name in request}
+    def read(request, max_rows):
+        for start in range(0, max(1, len(frame)), max_rows):
+            yield {name: _convert_series(frame.iloc[start : start + max_rows, places[name]], name) for name in request}
 
     meta = {str(key): value for key, value in getattr(frame, "attrs", {}).items()}
     stated_units = meta.get("units")  # as users of pandas keep them
@@ -327,7 +327,7 @@ def is_dataframe(value: Any) -> bool:
     return any(c.__name__ == "DataFrame" and c.__module__.split(".")[0] == "pandas" for c in type(value).__mro__)
 
 
-def _convert_column(column):
+def _convert_astropy_column(column):
     mask = getattr(column, "mask", None)
     values = getattr(column, "unmasked", column)
     values = getattr(values, "value", values)
@@ -359,21 +359,21 @@ def _convert_series(series, name):
 #: Sexagesimal columns as journals and the CDS name them.
 _SEXAGESIMAL = ("RAh", "RAm", "RAs", "DE-", "DEd", "DEm", "DEs")
 #: Text that is read whole may have so many bytes; larger tables come as CSV, FITS or Parquet.
-_MOST_BYTES = 2**30
+_MOST_TEXT_BYTES = 2**30
 #: A column of HDF5 of more bytes is none. [bytes]
 _MOST_HDF5_BYTES = 2**34
 
 
-def open_whole(path: PathName, label: str, kind: str) -> TableSource:
+def open_whole_table(path: PathName, label: str, kind: str) -> TableSource:
     """A table that is read as a whole; masked values stay masked, units and descriptions are kept."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # units that a format spells in its own way
             if kind == "hdf5":
-                plain = unpack_file(path, label)
-                table = _read_hdf5(plain.name, label)
+                unpacked_file = unpack_file(path, label)
+                table = _read_hdf5_table(unpacked_file.name, label)
             else:
-                table = _read_text(Path(path), label, kind)
+                table = _read_text_table(Path(path), label, kind)
     except (TableError, MemoryError):
         raise
     except ImportError as error:
@@ -384,55 +384,55 @@ def open_whole(path: PathName, label: str, kind: str) -> TableSource:
         raise TableError(f"{label} cannot be read as {kind.removeprefix('ascii.')}: {first_line(error)}") from error
     if not len(table):
         raise TableError(f"{label} has no rows")
-    return replace(open_astropy(_add_degrees(table)), label=label)
+    return replace(open_astropy(_add_degree_columns(table)), label=label)
 
 
 #: HDF5 has at most so many groups within each other.
 _DEEPEST = 20
 
 
-def _read_hdf5(path, label):
+def _read_hdf5_table(path, label):
     """The one table of a file: a compound dataset, a group with a dataset for each column, or one of pandas or vaex."""
     import h5py
     from astropy.table import Table
 
     with h5py.File(path, "r") as file:
-        compounds, names_by_group = [], {}
-        size, total = Path(path).stat().st_size, 0
+        compound_names, names_by_group = [], {}
+        file_size, total_bytes = Path(path).stat().st_size, 0
 
-        def collect_datasets(name, item):
-            nonlocal total
+        def collect_dataset(name, hdf5_object):
+            nonlocal total_bytes
             if name.count("/") > _DEEPEST:
                 raise TableError(f"{label} has more than {_DEEPEST} groups within groups: keep its table at the top")
-            if not isinstance(item, h5py.Dataset):
+            if not isinstance(hdf5_object, h5py.Dataset):
                 return
-            if item.external or item.is_virtual:
+            if hdf5_object.external or hdf5_object.is_virtual:
                 raise TableError(
                     f"{label}: {name} keeps its numbers in another file, where nothing is read from: copy them into it "
                     "(h5repack)"
                 )
-            total += item.nbytes
-            check_unpacked_size(label, total, size)
-            if total > _MOST_HDF5_BYTES:
+            total_bytes += hdf5_object.nbytes
+            check_unpacked_size(label, total_bytes, file_size)
+            if total_bytes > _MOST_HDF5_BYTES:
                 raise TableError(
-                    f"{label} has {total / 2**30:.3g} GiB, and HDF5 is read whole: make it FITS or Parquet"
+                    f"{label} has {total_bytes / 2**30:.3g} GiB, and HDF5 is read whole: make it FITS or Parquet"
                 )
-            if item.dtype.names:
-                compounds.append(name)
-            elif item.ndim == 1:
+            if hdf5_object.dtype.names:
+                compound_names.append(name)
+            elif hdf5_object.ndim == 1:
                 names_by_group.setdefault(name.rpartition("/")[0], []).append(name)
 
-        file.visititems(collect_datasets)
+        file.visititems(collect_dataset)
         if columns := _read_pandas_columns(file, label) or _read_vaex_columns(file, names_by_group):
             return Table(columns)
-        tables = [name for name in compounds if not name.endswith("__table_column_meta__")]
+        tables = [name for name in compound_names if not name.endswith("__table_column_meta__")]
         column_groups = {group: names for group, names in names_by_group.items() if len(names) > 1 and not tables}
         if len(tables) + len(column_groups) != 1:
             present = ", ".join([*tables, *column_groups]) or "none"
             raise TableError(f"{label} holds {len(tables) + len(column_groups)} tables ({present}): keep one in a file")
         if column_groups:
             (names,) = column_groups.values()
-            return Table({name.rpartition("/")[2]: _decode_bytes(file[name][()]) for name in names})
+            return Table({name.rpartition("/")[2]: _decode_column(file[name][()]) for name in names})
     return Table.read(path, path=tables[0], format="hdf5", character_as_bytes=False)
 
 
@@ -442,26 +442,26 @@ def _read_pandas_columns(file, label):
     if len(frames) > 1:
         raise TableError(f"{label} holds {len(frames)} frames of pandas: keep one in a file")
     for frame in frames:
-        names = frame["table"].dtype.names or () if "table" in frame else ()
-        if any(name.startswith("values_block_") for name in names):
+        field_names = frame["table"].dtype.names or () if "table" in frame else ()
+        if any(name.startswith("values_block_") for name in field_names):
             raise TableError(
                 f"{label}: pandas keeps the names of these columns as Python objects, which are not read from files. "
                 "Write it with data_columns=True, or as Parquet; in Python vsh.read_field(pandas.read_hdf(…)) reads it"
             )
         columns = {}
         for key in [key for key in frame if key.endswith("_values") and frame[key].ndim == 2]:
-            item_names = _decode_bytes(frame[key.replace("_values", "_items")][()])
+            item_names = _decode_column(frame[key.replace("_values", "_items")][()])
             columns |= dict(zip(item_names.tolist(), frame[key][()].T, strict=True))
         return columns
     return {}
 
 
-def _read_vaex_columns(file, groups):
+def _read_vaex_columns(file, group_names):
     """Read the columns of numbers of a file of vaex, which has a group for each."""
     from astropy.table import MaskedColumn
 
     columns = {}
-    for name in [name for name in groups if name.startswith("table/columns/") and f"{name}/data" in file]:
+    for name in [name for name in group_names if name.startswith("table/columns/") and f"{name}/data" in file]:
         group = file[name]
         if "indices" not in group:  # of text
             mask = group["mask"][()] if "mask" in group else False
@@ -469,39 +469,39 @@ def _read_vaex_columns(file, groups):
     return columns
 
 
-def _decode_bytes(values: Any) -> Any:
+def _decode_column(values: Any) -> Any:
     return np.char.decode(values.astype(bytes), "utf-8", "replace") if values.dtype.kind in "SO" else values
 
 
-def _read_text(path, label, file_format):
+def _read_text_table(path, label, file_format):
     from astropy.io import ascii
 
     readme = path.with_name("ReadMe")
-    plain = unpack_file(path, label)
-    size = Path(plain.name).stat().st_size
-    if size > _MOST_BYTES:
+    unpacked_file = unpack_file(path, label)
+    n_bytes = Path(unpacked_file.name).stat().st_size
+    if n_bytes > _MOST_TEXT_BYTES:
         raise TableError(
-            f"{label} has {size / 2**30:.1f} GiB, too much for text that is read whole: make it CSV, FITS or Parquet"
+            f"{label} has {n_bytes / 2**30:.1f} GiB, too much for text that is read whole: make it CSV, FITS or Parquet"
         )
-    with open(plain.name, "rb") as file:
-        beginning = file.read(2**16)
-    if b"\0" in beginning:
+    with open(unpacked_file.name, "rb") as file:
+        first_bytes = file.read(2**16)
+    if b"\0" in first_bytes:
         raise TableError(f"{label} is no text")
     if file_format == "ascii":
-        return ascii.read(plain.name, format=None, guess=True)
+        return ascii.read(unpacked_file.name, format=None, guess=True)
     if file_format == "ascii.ipac":
-        return ascii.read(plain.name, format="ipac", guess=False)
-    if b"Byte-by-byte" not in beginning:
+        return ascii.read(unpacked_file.name, format="ipac", guess=False)
+    if b"Byte-by-byte" not in first_bytes:
         if not readme.is_file():
             raise TableError(f"{label} does not describe its columns, and there is no file ReadMe beside it that does")
-        return ascii.read(plain.name, format="cds", guess=False, readme=str(readme))
-    lines = Path(plain.name).read_text("utf-8", "replace").splitlines()
+        return ascii.read(unpacked_file.name, format="cds", guess=False, readme=str(readme))
+    lines = Path(unpacked_file.name).read_text("utf-8", "replace").splitlines()
     if lines[0].startswith("#"):  # written behind comment marks
         lines = [line.removeprefix("#").removeprefix(" ") for line in lines]
     return ascii.read(lines, format=file_format.removeprefix("ascii."), guess=False)
 
 
-def _add_degrees(table):
+def _add_degree_columns(table):
     """Add ra and dec in degrees, where the table has hours, minutes and seconds, and no others."""
     if not set(_SEXAGESIMAL) <= set(table.colnames) or {"ra", "dec"} & set(table.colnames):
         return table
@@ -515,8 +515,8 @@ def _add_degrees(table):
     return table
 
 
-open_hdf5 = partial(open_whole, kind="hdf5")
-open_mrt = partial(open_whole, kind="ascii.mrt")
-open_cds = partial(open_whole, kind="ascii.cds")
-open_ipac = partial(open_whole, kind="ascii.ipac")
-open_ascii = partial(open_whole, kind="ascii")
+open_hdf5 = partial(open_whole_table, kind="hdf5")
+open_mrt = partial(open_whole_table, kind="ascii.mrt")
+open_cds = partial(open_whole_table, kind="ascii.cds")
+open_ipac = partial(open_whole_table, kind="ascii.ipac")
+open_ascii = partial(open_whole_table, kind="ascii")

@@ -27,18 +27,18 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
     """The first table of a VOTable; one that was cut off by the archive where `overflow` accepts it."""
     from astropy.io import votable
 
-    plain = unpack_file(path, label)
-    _check_declarations(plain.name, label)
-    unreadable = as_table_error(f"{label} cannot be read as VOTable", ". It may be truncated: fetch it again")
-    with warnings.catch_warnings(record=True) as warning_records, unreadable:
+    unpacked_file = unpack_file(path, label)
+    _check_declarations(unpacked_file.name, label)
+    wrapped_errors = as_table_error(f"{label} cannot be read as VOTable", ". It may be truncated: fetch it again")
+    with warnings.catch_warnings(record=True) as warning_records, wrapped_errors:
         warnings.simplefilter("always")
-        document = votable.parse(plain.name, verify="warn", invalid="mask")
+        document = votable.parse(unpacked_file.name, verify="warn", invalid="mask")
         tables = list(document.iter_tables())
-        infos = [info for resource in document.resources for info in _infos(resource) if info.name == "QUERY_STATUS"]
+        statuses = [info for resource in document.resources for info in _infos(resource) if info.name == "QUERY_STATUS"]
     for warning in warning_records:
         if _LOSS_WARNINGS.search(str(warning.message)) or "truncated" in str(warning.message):
             raise TableError(f"{label} is damaged: {first_line(warning.message)}. Fetch it again")
-    for info in infos:
+    for info in statuses:
         if str(info.value).upper() == "OVERFLOW" and not overflow:
             raise TableError(
                 f"{label} is a part of its query's result: the archive cut it off (QUERY_STATUS OVERFLOW). Ask again "
@@ -55,18 +55,18 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
     units = {name: str(column.unit) for name, column in columns.items() if column.unit is not None}
     notes: tuple[str, ...] = ()
     if len(tables) > 1:
-        others = "; the first was" if len(alike) == 1 else f"; {len(alike)} with the columns of the first were"
-        notes = (f"{label} holds {len(tables)} tables{others} read",)
-    if overflow and any(str(info.value).upper() == "OVERFLOW" for info in infos):
+        which_remark = "; the first was" if len(alike) == 1 else f"; {len(alike)} with the columns of the first were"
+        notes = (f"{label} holds {len(tables)} tables{which_remark} read",)
+    if overflow and any(str(info.value).upper() == "OVERFLOW" for info in statuses):
         notes += (f"warning: {label} has a part of the rows of its query (QUERY_STATUS OVERFLOW)",)
 
-    def read(request, rows):
-        for part in alike:
-            _check_units(part, units, label)
-            fields = dict(zip(names, part.fields, strict=True))
-            for start in range(0, max(1, len(part.array)), rows):
-                chunk = part.array[start : start + rows]
-                yield {name: _convert_column(chunk[fields[name].ID]) for name in request}
+    def read(request, max_rows):
+        for table_part in alike:
+            _check_units_alike(table_part, units, label)
+            fields = dict(zip(names, table_part.fields, strict=True))
+            for start in range(0, max(1, len(table_part.array)), max_rows):
+                chunk = table_part.array[start : start + max_rows]
+                yield {name: _convert_votable_column(chunk[fields[name].ID]) for name in request}
 
     meta = {str(param.name): param.value for param in table.params}
     meta |= {str(info.name): info.value for info in table.infos}
@@ -95,7 +95,7 @@ def _find_column_names(table):
     return names if len(set(names)) == len(names) else [column.ID for column in table.fields]
 
 
-def _check_units(table, units, label):
+def _check_units_alike(table, units, label):
     """Raise TableError where a table of several has another unit than the first."""
     for name, column in zip(_find_column_names(table), table.fields, strict=True):
         first_unit, unit = units.get(name, "no unit"), "no unit" if column.unit is None else str(column.unit)
@@ -111,7 +111,7 @@ def _infos(resource):
         yield from _infos(subresource)
 
 
-def _convert_column(column):
+def _convert_votable_column(column):
     values, mask = np.ma.getdata(column), np.ma.getmaskarray(column)
     if mask.ndim > 1:
         if values.dtype.kind == "f":  # a row may lack some of its numbers
@@ -127,11 +127,11 @@ def _check_declarations(path, label):
     with open(path, "rb") as file:
         size = file.seek(0, 2)
         file.seek(0)
-        carry, has_streams = b"", False
+        carried_bytes, has_streams = b"", False
         while chunk := file.read(2**20):
-            if not carry:
+            if not carried_bytes:
                 _check_encoding(chunk, label)
-            content = carry + chunk
+            content = carried_bytes + chunk
             if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
                 raise TableError(
                     f"{label} has a document type declaration, which a VOTable needs not and which may name other "
@@ -139,14 +139,14 @@ def _check_declarations(path, label):
                 )
             has_streams = has_streams or b"STREAM" in content
             for attribute, shape in _SIZE_ATTRIBUTE.findall(content):
-                product = 1
+                declared_size = 1
                 for factor in shape.split(b"x"):
-                    product *= int(factor[:20] or 1)
-                if product > max(size, 1024):
+                    declared_size *= int(factor[:20] or 1)
+                if declared_size > max(size, 1024):
                     raise TableError(
                         f"{label} is damaged: {attribute.decode()} = {shape.decode()[:30]} in a file of {size} bytes"
                     )
-            carry = chunk[-512:]
+            carried_bytes = chunk[-512:]
     if has_streams:
         _check_streams(path, label)
 

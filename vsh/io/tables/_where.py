@@ -38,7 +38,7 @@ _EXACT = 2**53
 _INTEGER_FUNCTIONS = (np.mod, np.floor_divide, np.negative, np.positive, np.abs)
 
 
-def _calculate(function, operands, missing):
+def _calculate_numbers(function, operands, is_missing):
     """Calculate numbers of rows, exact for remainders and whole quotients of integers, and where they are undefined."""
     if function in _INTEGER_FUNCTIONS and all(operand.dtype.kind in "iu" for operand in operands):
         if any(operand.dtype == np.uint64 for operand in operands) and all((x >= 0).all() for x in operands):
@@ -49,8 +49,8 @@ def _calculate(function, operands, missing):
         return function(operands[0], np.where(is_zero, 1, operands[1])), is_zero
     if function is not np.divide:
         for operand in operands:
-            sizes = np.where(missing, 0, operand) if operand.dtype.kind in "iu" and operand.ndim else operand
-            if sizes.dtype.kind in "iu" and sizes.size and max(int(sizes.max()), -int(sizes.min())) > _EXACT:
+            known = np.where(is_missing, 0, operand) if operand.dtype.kind in "iu" and operand.ndim else operand
+            if known.dtype.kind in "iu" and known.size and max(int(known.max()), -int(known.min())) > _EXACT:
                 raise TableError(
                     "--where: a number has more than 53 bits, of which this calculation would lose some: of such "
                     "integers there are exact comparisons, remainders (%) and whole quotients (//) by integers"
@@ -73,7 +73,7 @@ class Where(InNotebook):
                 f"--where {self.shown!r} cannot be understood: {getattr(error, 'msg', error)}. A range is 0 < dec < 1, "
                 "two conditions are (a > 1) & (b < 2)"
             ) from None
-        _check_size(self._tree)
+        _check_condition_size(self._tree)
         self.names = tuple(dict.fromkeys(self._check_and_list_columns(self._tree)))
 
     @property
@@ -84,10 +84,10 @@ class Where(InNotebook):
     def check(self, names: tuple[str, ...], label: str) -> None:
         """Raise TableError unless a table has all columns; the message names the nearest."""
         for name in [name for name in self.names if name not in names]:
-            near = [column for column in names if column.lower() == name.lower()]
-            near = near or get_close_matches(name, names, 3, 0.6)
-            listing = ", ".join(map(printable, near or names[:50]))
-            hint = f"; nearest: {listing}" if near else f". It has {listing}"
+            nearest_names = [column for column in names if column.lower() == name.lower()]
+            nearest_names = nearest_names or get_close_matches(name, names, 3, 0.6)
+            name_list = ", ".join(map(printable, nearest_names or names[:50]))
+            hint = f"; nearest: {name_list}" if nearest_names else f". It has {name_list}"
             raise TableError(
                 f"--where: {label} has no column {printable(name)!r}{hint}. Conditions take the table's own names"
             )
@@ -95,19 +95,19 @@ class Where(InNotebook):
     def calculate(self, block: Mapping[str, Any]) -> FloatArray:
         """Calculate numbers of the columns; nan where one is missing."""
         with np.errstate(all="ignore"):
-            value, missing = self._evaluate(self._tree, block)
+            value, is_missing = self._evaluate_node(self._tree, block)
         if np.asarray(value).dtype.kind not in "iuf":
             raise TableError(f"{self.shown!r} is a condition or a text, not a number")
-        return np.where(missing, np.nan, np.asarray(value, float))
+        return np.where(is_missing, np.nan, np.asarray(value, float))
 
     def select_rows(self, block: Mapping[str, Any]) -> tuple[BoolArray, BoolArray]:
         """Select rows: the mask of the selected ones, and of rows with missing values, which are not selected."""
-        n = len(next(iter(block.values()))[0])
+        n_rows = len(next(iter(block.values()))[0])
         with np.errstate(all="ignore"):
-            value, missing = self._evaluate(self._tree, block)
+            value, missing = self._evaluate_node(self._tree, block)
         if np.asarray(value).dtype != bool:
             raise TableError(f"--where {self.shown!r} is a number or a text, not a condition: compare it, < 19 say")
-        value, missing = np.broadcast_to(value, n), np.broadcast_to(missing, n)
+        value, missing = np.broadcast_to(value, n_rows), np.broadcast_to(missing, n_rows)
         return value & ~missing, missing.copy()
 
     def _check_and_list_columns(self, node) -> Iterator[str]:
@@ -137,7 +137,7 @@ class Where(InNotebook):
                 for comparison, value in zip(ops, comparators, strict=True):
                     if isinstance(comparison, ast.In | ast.NotIn):
                         if _find_list_file(value) is not None:
-                            read_names(_find_list_file(value))  # what is wrong with it is said before anything is read
+                            read_name_list(_find_list_file(value))  # what is wrong with it is said before rows are read
                             continue
                         if not isinstance(value, ast.Tuple | ast.List) or not value.elts:
                             raise TableError("--where: what stands behind `in` is a list: in (1, 2)")
@@ -151,15 +151,15 @@ class Where(InNotebook):
         for value in inner:
             yield from self._check_and_list_columns(value)
 
-    def _evaluate(self, node, block):
+    def _evaluate_node(self, node, block):
         """Evaluate a node: its values, and the mask of those that are not known."""
         match node:
             case ast.Constant(value=value):
                 return value, np.False_
             case ast.Name(id=name) | ast.Call(func=ast.Name(id="column"), args=[ast.Constant(value=name)]):
-                return _convert_column(*block[name])
+                return _convert_to_comparable(*block[name])
             case ast.Call(func=ast.Name(id="ismissing"), args=[inner]):
-                _, missing = self._evaluate(inner, block)
+                _, missing = self._evaluate_node(inner, block)
                 return np.asarray(missing), np.False_
             case ast.Call(func=ast.Name(id=name), args=args):
                 return self._apply(FUNCTIONS[name], args, block)
@@ -178,16 +178,16 @@ class Where(InNotebook):
                 return self._evaluate_comparison(node, block)
 
     def _apply(self, function, nodes, block):
-        operands = [self._evaluate(node, block) for node in nodes]
+        operands = [self._evaluate_node(node, block) for node in nodes]
         for node, (value, _) in zip(nodes, operands, strict=True):
             if np.asarray(value).dtype.kind not in "iufb":
                 raise TableError(f"--where: {printable(ast.unparse(node))} is text, not a number")
         missing = np.logical_or.reduce(np.broadcast_arrays(*(is_missing for _, is_missing in operands)))
-        value, undefined = _calculate(function, [np.asarray(value) for value, _ in operands], missing)
+        value, undefined = _calculate_numbers(function, [np.asarray(value) for value, _ in operands], missing)
         return value, undefined | missing
 
     def _evaluate_condition(self, node, block):
-        value, missing = self._evaluate(node, block)
+        value, missing = self._evaluate_node(node, block)
         if np.asarray(value).dtype != bool:
             raise TableError(
                 f"--where: {printable(ast.unparse(node))} is no condition; & and | bind closer than <: put parentheses,"
@@ -207,13 +207,13 @@ class Where(InNotebook):
 
     def _evaluate_comparison(self, node, block):
         value, missing = np.True_, np.False_
-        left = self._evaluate(node.left, block)
+        left = self._evaluate_node(node.left, block)
         for op, comparator in zip(node.ops, node.comparators, strict=True):
             if isinstance(op, ast.In | ast.NotIn):
                 right, (is_true, is_missing) = left, self._evaluate_membership(left, comparator, node, block)
                 is_true = ~is_true if isinstance(op, ast.NotIn) else is_true
             else:
-                right = self._evaluate(comparator, block)
+                right = self._evaluate_node(comparator, block)
                 is_true, is_missing = _compare_operands(op, left, right, node), left[1] | right[1]
             value, missing, left = value & is_true, missing | is_missing, right
         return np.asarray(value, bool), missing
@@ -222,20 +222,20 @@ class Where(InNotebook):
         """Find whether each value is one of a list, or of the names in a file; and where that is not known."""
         path = _find_list_file(members)
         if path is not None:
-            return np.isin(left[0], _convert_names(left[0], read_names(path), path)), left[1]
+            return np.isin(left[0], _convert_listed_names(left[0], read_name_list(path), path)), left[1]
         constants = [member.value for member in members.elts if isinstance(member, ast.Constant)]
         text_flags = {isinstance(value, str) for value in constants}
         is_text = np.asarray(left[0]).dtype.kind in "US"
         if len(constants) == len(members.elts) and text_flags == {is_text}:
             return np.isin(left[0], np.array(constants)), left[1]
-        operands = [self._evaluate(member, block) for member in members.elts]
+        operands = [self._evaluate_node(member, block) for member in members.elts]
         is_equal = [_compare_operands(ast.Eq(), left, operand, node) & ~operand[1] for operand in operands]
         is_true = np.logical_or.reduce(np.broadcast_arrays(*is_equal))
         unknown = np.logical_or.reduce(np.broadcast_arrays(*(missing for _, missing in operands), is_true)) & ~is_true
         return is_true, left[1] | unknown
 
 
-def _check_size(tree):
+def _check_condition_size(tree):
     """Raise TableError where a condition is too large or too deep for the functions that walk through it."""
     n_nodes, todo = 0, [(tree, 1)]
     while todo:
@@ -258,30 +258,30 @@ def _find_list_file(node):
     return None
 
 
-def read_names(path: str) -> tuple[str, ...]:
+def read_name_list(path: str) -> tuple[str, ...]:
     """Read the names in a file, one a line; what stands behind a # is no name."""
     try:
         stat = os.stat(path)
         if not os.path.isfile(path) or stat.st_size > MAX_LIST:
             raise TableError(f"--where: {printable(path)} is no list of names, one a line")
-        return _read_names(os.path.abspath(path), stat.st_mtime_ns, stat.st_size)
+        return _read_cached_names(os.path.abspath(path), stat.st_mtime_ns, stat.st_size)
     except OSError as error:
         raise TableError(f"--where: {printable(path)} cannot be read: {error.strerror}") from None
 
 
 @lru_cache(8)
-def _read_names(path, *_):
+def _read_cached_names(path, *_):
     try:
         with open(path, encoding="utf-8-sig") as file:
-            names = tuple(name for line in file if (name := line.partition("#")[0].strip().strip("\"'")))
+            listed_names = tuple(name for line in file if (name := line.partition("#")[0].strip().strip("\"'")))
     except UnicodeDecodeError:
         raise TableError(f"--where: {printable(path)} is no text in UTF-8") from None
-    if not names:
+    if not listed_names:
         raise TableError(f"--where: {printable(path)} holds no names")
-    return names
+    return listed_names
 
 
-def _convert_names(values, names, path):
+def _convert_listed_names(values, names, path):
     """Convert the names of a list to what the column holds, numbers or text."""
     type_code = np.asarray(values).dtype.kind
     if type_code in "US":
@@ -295,20 +295,20 @@ def _convert_names(values, names, path):
 def _compare_operands(op, left, right, node):
     operand_types = {"text" if np.asarray(operand).dtype.kind in "USO" else "number" for operand, _ in (left, right)}
     if len(operand_types) > 1:
-        word = next(np.ravel(operand)[:1] for operand, _ in (left, right) if np.asarray(operand).dtype.kind in "USO")
-        example = f": {printable(word[0])} is a text" if word.size else ""
+        text = next(np.ravel(operand)[:1] for operand, _ in (left, right) if np.asarray(operand).dtype.kind in "USO")
+        example = f": {printable(text[0])} is a text" if text.size else ""
         raise TableError(f"--where: {printable(ast.unparse(node))} compares a text with a number{example}")
-    one, other = (_convert_to_integer(a, b) for a, b in ((left[0], right[0]), (right[0], left[0])))
-    return np.asarray(_COMPARISONS[type(op)](one, other), bool)
+    left_value, right_value = (_convert_to_integer(a, b) for a, b in ((left[0], right[0]), (right[0], left[0])))
+    return np.asarray(_COMPARISONS[type(op)](left_value, right_value), bool)
 
 
-def _convert_to_integer(value, other):
+def _convert_to_integer(value, other_value):
     """Convert a whole number that is compared with integers to one of them: 3e18 has no digit too few."""
     is_whole = isinstance(value, float) and value.is_integer() and abs(value) < 2**62
-    return int(value) if is_whole and np.asarray(other).dtype.kind in "iu" else value
+    return int(value) if is_whole and np.asarray(other_value).dtype.kind in "iu" else value
 
 
-def _convert_column(values, mask):
+def _convert_to_comparable(values, mask):
     values = np.asarray(values)
     is_missing = np.zeros(len(values), bool) if mask is None else np.array(mask, bool)
     if values.dtype.kind == "f":

@@ -10,7 +10,7 @@ from astropy.table import Column, MaskedColumn, Table
 
 import sim
 from vsh.io.epochs import read_epochs, read_observations, solve_epochs
-from vsh.io.epochs._observations import convert_column
+from vsh.io.epochs._observations import convert_column_to_numbers
 from vsh.tools.errors import TableError
 
 _KINDS = {"i8": "long", "f8": "double", "b1": "boolean"}
@@ -167,21 +167,21 @@ def test_bad_columns_are_named(transits):
 
 def test_matrix_of_keeps_integers_and_missing_values():
     big = 2**62 + 1
-    values, mask, padding = convert_column(np.array([[big, None], [1], None, []], object), None, "t", "x")
+    values, mask, padding = convert_column_to_numbers(np.array([[big, None], [1], None, []], object), None, "t", "x")
     assert values.dtype == np.int64
     assert values[0, 0] == big
     np.testing.assert_array_equal(mask, [[False, True], [False, False], [True, True], [False, False]])
     np.testing.assert_array_equal(padding[[1, 3]], [[False, True], [True, True]])
-    words, mask, _ = convert_column(np.array(["True", "f", "null", "1"]), None, "used", "x")
+    words, mask, _ = convert_column_to_numbers(np.array(["True", "f", "null", "1"]), None, "used", "x")
     np.testing.assert_array_equal(words[[0, 1, 3]], [1, 0, 1])
     np.testing.assert_array_equal(mask, [False, False, True, False])
-    lists, _, _ = convert_column(np.array(["[1.5, null]", "[2, 3]"]), None, "w", "x")
+    lists, _, _ = convert_column_to_numbers(np.array(["[1.5, null]", "[2, 3]"]), None, "w", "x")
     np.testing.assert_array_equal(lists[1], [2, 3])
 
 
 @pytest.mark.parametrize("text", ["[1.5, nan, 2.0]", "(1.5, NaN, 2.)", "[1.5, None, 2.]", "{1.5, nan, 2.0}"])
 def test_lists_as_pandas_writes_them(text):
-    values, absent, _ = convert_column(np.array([text, "[3., 4., inf]"]), None, "x", "a.csv")
+    values, absent, _ = convert_column_to_numbers(np.array([text, "[3., 4., inf]"]), None, "x", "a.csv")
     assert values[0, 0] == 1.5
     assert values[0, 2] == 2.0
     assert np.isnan(values[0, 1]) or absent[0, 1]

@@ -14,9 +14,9 @@ import sim
 from vsh import Field
 from vsh.io.catalogue import read_field
 from vsh.io.epochs import (
-    design_row,
     downweighting_factor,
     iterate_observations,
+    make_design_rows,
     read_epochs,
     read_observations,
     solve_epochs,
@@ -277,7 +277,7 @@ def test_against_gaiasupdate(with_outliers, monkeypatch, has_colour):
         time = years_of(table[mine])
         angle = np.repeat(np.radians(table["scan_pos_angle"][mine]), 9)
         factor = np.repeat(np.asarray(table["parallax_factor_al"][mine]), 9)
-        design = design_row(angle, factor, time.ravel()).T
+        design = make_design_rows(angle, factor, time.ravel()).T
         options = {}
         if has_colour:  # theirs is per nm
             design = np.column_stack([design, -1e3 * np.asarray(table["colour_factor_al"][mine]).ravel()])
@@ -372,7 +372,7 @@ def test_reference_epoch_changes_no_motion(transits):
 def test_solution_says_what_it_is():
     rng = np.random.default_rng(1)
     source = np.repeat([0, 1], [40, 4])
-    row = design_row(rng.uniform(0, 6, 44), rng.uniform(-1, 1, 44), rng.uniform(-2, 2, 44))
+    row = make_design_rows(rng.uniform(0, 6, 44), rng.uniform(-1, 1, 44), rng.uniform(-2, 2, 44))
     found = solve_epochs(source, row, rng.normal(size=44), np.ones(44))
     assert found.solved.tolist() == [True, False]
     assert found.observations.tolist() == [40, 4]
