@@ -12,7 +12,7 @@ from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
-from vsh.tools.bad_rows import as_floats
+from vsh.tools.bad_rows import as_floats_and_mask
 from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import FloatArray, Rng
@@ -48,7 +48,7 @@ class Population(Frozen):
         check_frame(self.frame)
         for name in ("lon", "lat", "magnitude", "redshift"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, np.array(as_floats(name, getattr(self, name))[0]))
+                object.__setattr__(self, name, np.array(as_floats_and_mask(name, getattr(self, name))[0]))
         for name, limit in (("lat", np.pi / 2), ("lon", 4 * np.pi)):
             column = getattr(self, name)
             if column is not None and np.size(column) and np.nanmax(np.abs(column)) > limit * (1 + 1e-12):

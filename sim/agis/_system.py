@@ -30,7 +30,7 @@ from sim.variability import Variability, chain_products
 from vsh.modes import Modes, as_modes
 from vsh.tools import arguments
 from vsh.tools.errors import CheckpointError, ConvergenceError, DegeneracyError, ParameterError, VshWarning
-from vsh.tools.files import digest_of, read_arrays, write_arrays
+from vsh.tools.files import digest_values, read_arrays, write_arrays
 from vsh.tools.notebook import InNotebook
 from vsh.tools.parallel import limit_blas, progress_bar
 from vsh.tools.types import ArrayLike, FloatArray, PathName
@@ -510,7 +510,7 @@ class System(ExactErrors):
         history, updates = [fit.compute_coefficients(x[..., None])[:, 0]], []
         key = None
         if checkpoint is not None:
-            key = digest_of((rhs, attitude_rhs, x, self.prior, self.smoothing, fit.sources, len(fit.modes)))
+            key = digest_values((rhs, attitude_rhs, x, self.prior, self.smoothing, fit.sources, len(fit.modes)))
             state = read_checkpoint(checkpoint, key)
             if state is not None:
                 history, updates = list(state.pop("history")), list(state.pop("updates"))

@@ -15,7 +15,7 @@ from vsh.modes import as_modes
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.arguments import float_array, generator, not_negative, number
-from vsh.tools.bad_rows import as_floats
+from vsh.tools.bad_rows import as_floats_and_mask
 from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Rng
@@ -278,7 +278,7 @@ def acceleration(vector: ArrayLike) -> Signal:
 
 def check_vector(value: Any, name: str, unit: str = "") -> FloatArray:
     """Three finite components, bare or as a Quantity of any fitting unit."""
-    value = as_floats(name, value, unit)[0]
+    value = as_floats_and_mask(name, value, unit)[0]
     if value.shape != (3,) or not np.isfinite(value).all():
         raise FieldError(f"{name} must be a vector of three finite components, not of shape {value.shape}")
     return value

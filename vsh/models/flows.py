@@ -36,7 +36,7 @@ from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
 from vsh.tools.arguments import float_array, positive
 from vsh.tools.errors import ParameterError, TableError
-from vsh.tools.files import check_new, write_arrays
+from vsh.tools.files import check_overwrite_allowed, write_arrays
 from vsh.tools.notebook import Frozen, InNotebook
 from vsh.tools.printing import printable
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, PathName
@@ -128,7 +128,7 @@ class VelocityGrid(InNotebook):
         overwrite : bool
             Whether a file that is there is replaced.
         """
-        check_new(path, overwrite)
+        check_overwrite_allowed(path, overwrite)
         arrays = {"velocity": self.velocity, "half_width": self.half_width, "frame": np.array(self.frame)}
         write_arrays(path, arrays, compress=True, overwrite=overwrite)
 

@@ -20,7 +20,7 @@ from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
-from vsh.tools.files import atomic_folder, atomic_write, digest_of, scratch_array
+from vsh.tools.files import atomic_folder, atomic_write, digest_values, make_scratch_array
 from vsh.tools.notebook import Frozen, InNotebook
 from vsh.tools.parallel import GIB, free_memory, progress_bar
 from vsh.tools.types import ArrayLike, FloatArray, IntArray, PathName
@@ -243,7 +243,7 @@ class Scans(Frozen):
 
     def array(self, *shape: int) -> FloatArray:
         """Zeros of this shape, beside the transits: in memory, or on disk where they are."""
-        return scratch_array(self.folder, shape)
+        return make_scratch_array(self.folder, shape)
 
     def time(self, part: slice = slice(None)) -> FloatArray:
         """Times of transits since the start of the mission. [yr]"""
@@ -437,7 +437,7 @@ def _digest_inputs(law, attributes, ccds):
     """A hash of all that determines the transits, and of what is kept of each."""
     arguments = {entry.name: getattr(law, entry.name) for entry in fields(law) if entry.init and entry.name != "rng"}
     arrays = law.lost, attributes["lon"], attributes["lat"], attributes["weights"]
-    return digest_of(((arguments, attributes["spacing"], ccds, _COLUMNS), *arrays))[:16]
+    return digest_values(((arguments, attributes["spacing"], ccds, _COLUMNS), *arrays))[:16]
 
 
 #: Coefficients that meet in an interval, times three components: rows of the band, the diagonal among them.
