@@ -21,7 +21,7 @@ _ONE, _TWO, _THREE = np.uintp(1), np.uintp(2), np.uintp(3)
 
 
 @njit(inline="always")
-def _compute_spline_weights(f):
+def _evaluate_splines(f):
     g = 1.0 - f
     return (
         g * g * g / 6.0,
@@ -32,7 +32,7 @@ def _compute_spline_weights(f):
 
 
 @njit(inline="always")
-def _scan_axes(s, c, table, q):
+def _compute_scan_axes(s, c, table, q):
     """Compute n and m on the sky, from the scan angle and sin α, cos α, sin δ, cos δ of the source."""
     # Double precision is used from here on, so that the null space is exact.
     sa, ca, sd, cd = np.float64(table[q, 0]), np.float64(table[q, 1]), np.float64(table[q, 2]), np.float64(table[q, 3])
@@ -41,13 +41,13 @@ def _scan_axes(s, c, table, q):
 
 
 @njit(inline="always")
-def _unpack_transit(i, first, transits):
+def _unpack_transit(i, first_knot, transits):
     """Source and knot of an observation, its splines, partial derivatives, axes n and m, and weights."""
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
-    q, k = np.uintp(source[i]), np.uintp(knot[i] - first)
+    q, k = np.uintp(source[i]), np.uintp(knot[i] - first_knot)
     s, c, f = np.float64(sin[i]), np.float64(cos[i]), np.float64(frac[i])
     partials = (s, c, fal[i], fac[i], (knot[i] + f) * spacing - middle)
-    return q, k, _compute_spline_weights(f), partials, _scan_axes(s, c, table, q), (table[q, 4], table[q, 5])
+    return q, k, _evaluate_splines(f), partials, _compute_scan_axes(s, c, table, q), (table[q, 4], table[q, 5])
 
 
 @njit(inline="always")
@@ -59,7 +59,7 @@ def _predict_by_source(x, q, r, partials):
 
 
 @njit(inline="always")
-def _add_to_source(sources, q, r, partials, along, across):
+def _add_source_terms(sources, q, r, partials, along, across):
     s, c, fal, fac, t = partials
     east, north = s * along - c * across, c * along + s * across
     sources[q, 0, r] += east
@@ -93,7 +93,7 @@ def _add_spline_terms(attitude, k, axis, r, b, g):
 
 
 @njit(inline="always")
-def _add_to_attitude(attitude, k, r, b, axes, along, across):
+def _add_attitude_terms(attitude, k, r, b, axes, along, across):
     nx, ny, nz, mx, my, mz = axes
     _add_spline_terms(attitude, k, 0, r, b, mx * across - nx * along)
     _add_spline_terms(attitude, k, 1, r, b, my * across - ny * along)
@@ -101,7 +101,7 @@ def _add_to_attitude(attitude, k, r, b, axes, along, across):
 
 
 @_compile
-def sum_for_attitude(
+def add_to_attitude(
     start: int, stop: int, first: int, lengths: tuple, x: FloatArray, attitude: FloatArray, transits: tuple
 ) -> None:
     """Add Cᵀ x to `attitude`: the terms of the attitude's equations that the source parameters x give."""
@@ -109,17 +109,17 @@ def sum_for_attitude(
         q, k, b, partials, axes, weights = _unpack_transit(i, first, transits)
         for r in range(np.uintp(len(lengths))):
             along, across = _predict_by_source(x, q, r, partials)
-            _add_to_attitude(attitude, k, r, b, axes, weights[0] * along, weights[1] * across)
+            _add_attitude_terms(attitude, k, r, b, axes, weights[0] * along, weights[1] * across)
 
 
 @_compile
-def sum_for_sources(start: int, stop: int, lengths: tuple, h: FloatArray, sources: FloatArray, transits: tuple) -> None:
+def add_to_sources(start: int, stop: int, lengths: tuple, h: FloatArray, sources: FloatArray, transits: tuple) -> None:
     """Add C h to `sources`: the terms of the sources' equations that the attitude coefficients h give."""
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k, b, partials, axes, weights = _unpack_transit(i, 0, transits)
         for r in range(np.uintp(len(lengths))):
             along, across = _predict_by_attitude(h, k, r, b, axes)
-            _add_to_source(sources, q, r, partials, weights[0] * along, weights[1] * across)
+            _add_source_terms(sources, q, r, partials, weights[0] * along, weights[1] * across)
 
 
 @_compile
@@ -142,8 +142,8 @@ def add_adjoint(
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k, b, partials, axes, weights = _unpack_transit(i, first, transits)
         weighted_along, weighted_across = weights[0] * along[i], weights[1] * across[i]
-        _add_to_attitude(attitude, k, 0, b, axes, weighted_along, weighted_across)
-        _add_to_source(sources, q, 0, partials, weighted_along, weighted_across)
+        _add_attitude_terms(attitude, k, 0, b, axes, weighted_along, weighted_across)
+        _add_source_terms(sources, q, 0, partials, weighted_along, weighted_across)
 
 
 @_compile
