@@ -109,7 +109,7 @@ def smallest_eigenvalue(matrix: FloatArray) -> FloatArray:
     return np.linalg.eigvalsh(matrix / (scale[..., :, None] * scale[..., None, :]))[..., 0]
 
 
-def extract_errors(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+def split_covariance(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Standard errors, (2, n), and correlations, (n,), of covariances, (n, 2, 2)."""
     sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
     return sigma, covariance[:, 0, 1] / (sigma[0] * sigma[1])
@@ -169,7 +169,7 @@ def solve_astrometry(
     errors = np.einsum("nij,nj->ni", inverse, rhs)
     covariance = inverse * error[:, None, None] ** 2
     if quote_variability and variability is not None:
-        covariance = covariance + _compute_variability_covariance(inverse, design, transits, variability, n)
+        covariance = covariance + _compute_variability_covariances(inverse, design, transits, variability, n)
     return Astrometry(errors, covariance, counts)
 
 
@@ -191,19 +191,19 @@ def expected_solution_covariances(
     true = formal + attitude**2 * inverse
     if variability is not None and variability.sigma > 0:
         design = design_row(transits.angle, transits.parallax_factor, transits.time - years / 2)
-        true = true + _compute_variability_covariance(inverse, design, transits, variability, len(error))
+        true = true + _compute_variability_covariances(inverse, design, transits, variability, len(error))
     return formal, true
 
 
-def _compute_variability_covariance(inverse, design, transits, variability, n):
+def _compute_variability_covariances(inverse, design, transits, variability, n):
     """A⁺ C A⁺ᵀ of every source, C the covariance of its variability at its transits."""
     covariances = np.zeros((n, 5, 5))
     bounds = np.searchsorted(transits.source, np.arange(n + 1))
     for k, (begin, end) in enumerate(pairwise(bounds)):
         pseudoinverse = inverse[k] @ design[:, begin:end]
         angle = transits.angle[begin:end]
-        c = variability.covariance(transits.time[begin:end]) * np.cos(np.subtract.outer(angle, angle))
-        covariances[k] = pseudoinverse @ c @ pseudoinverse.T
+        chain_covariance = variability.covariance(transits.time[begin:end]) * np.cos(np.subtract.outer(angle, angle))
+        covariances[k] = pseudoinverse @ chain_covariance @ pseudoinverse.T
     return covariances
 
 

@@ -60,9 +60,9 @@ class Population(Frozen):
     def __len__(self) -> int:
         return len(self.lon)
 
-    def __getitem__(self, keep: Any):
+    def __getitem__(self, selection: Any):
         """The sources picked by a mask, a slice or indices."""
-        return replace(self, **{k: v[keep] for k, v in vars(self).items() if isinstance(v, np.ndarray)})
+        return replace(self, **{name: v[selection] for name, v in vars(self).items() if isinstance(v, np.ndarray)})
 
 
 #: Quasars in Gaia's frame brighter than each magnitude (Gaia DR3, five-parameter solutions).
@@ -296,13 +296,13 @@ def galaxies(
         raise ParameterError(f"redshifts must rise from above zero, not from {min_redshift} to {max_redshift}")
     rng = generator(rng)
     lon, lat = _draw_positions(n, rng, sky, map_frame)
-    grid = np.linspace(min_redshift, max_redshift, 2000)
-    distance = transverse_distance(grid)
+    redshift_grid = np.linspace(min_redshift, max_redshift, 2000)
+    distance_grid = transverse_distance(redshift_grid)
     redshift, magnitude = np.empty(0), np.empty(0)
     while len(redshift) < n:
-        cube = rng.uniform(distance[0] ** 3, distance[-1] ** 3, n)
-        z = np.interp(np.cbrt(cube), distance, grid)
-        g = distance_modulus(np.cbrt(cube), z) + rng.normal(absolute, spread, n)
+        cubed_distance = rng.uniform(distance_grid[0] ** 3, distance_grid[-1] ** 3, n)
+        z = np.interp(np.cbrt(cubed_distance), distance_grid, redshift_grid)
+        g = distance_modulus(np.cbrt(cubed_distance), z) + rng.normal(absolute, spread, n)
         redshift, magnitude = np.r_[redshift, z[g < max_magnitude]], np.r_[magnitude, g[g < max_magnitude]]
     return Population(lon, lat, magnitude[:n], redshift[:n])
 
@@ -318,9 +318,9 @@ def magnitudes_at(redshift: FloatArray, rng: Rng) -> FloatArray:
         The source of all randomness.
     """
     redshift = np.asarray(redshift, float)
-    typical = distance_modulus(transverse_distance(redshift), redshift) + _ABSOLUTE_MAGNITUDE
-    fraction = ndtr((_MAX_MAGNITUDE - typical) / _SPREAD)
-    return typical + _SPREAD * ndtri(np.maximum(generator(rng).uniform(size=redshift.shape) * fraction, 1e-300))
+    mean_magnitude = distance_modulus(transverse_distance(redshift), redshift) + _ABSOLUTE_MAGNITUDE
+    fraction = ndtr((_MAX_MAGNITUDE - mean_magnitude) / _SPREAD)
+    return mean_magnitude + _SPREAD * ndtri(np.maximum(generator(rng).uniform(size=redshift.shape) * fraction, 1e-300))
 
 
 @arguments.accepts(
@@ -385,11 +385,11 @@ def stars(
 def _draw_positions(n, rng, sky, map_frame):
     if n < 1:
         raise ParameterError(f"a population has at least one member, not {n}")
-    exact_skies = {"uniform": uniform_sky, "plane-avoiding": plane_avoiding_sky}
+    named_skies = {"uniform": uniform_sky, "plane-avoiding": plane_avoiding_sky}
     if not isinstance(sky, (str, np.ndarray)):
         raise ParameterError(f"a sky is a name or a HEALPix map, not {type(sky).__name__}")
-    if isinstance(sky, str) and sky in exact_skies:
-        return exact_skies[sky](n, rng)
+    if isinstance(sky, str) and sky in named_skies:
+        return named_skies[sky](n, rng)
     from sim.skies import draw_positions
 
     return draw_positions(n, rng, sky, map_frame)
@@ -435,11 +435,11 @@ def clustered_galaxies(
     h = hubble_value(FLAT_PLANCK13) / 100
     min_distance, max_distance = transverse_distance(np.array([_MIN_REDSHIFT, max_redshift])) * h
     half_width = 1.6 * max_distance
-    density, velocity = _draw_linear_field(rng, size, half_width)
+    density, velocity = _draw_density_and_velocity(rng, size, half_width)
     # Waves longer than the box carry galaxies along without clustering them.
-    _, large_velocity = _draw_linear_field(rng, 48, 8 * half_width, np.pi / half_width / 2)
-    axis = np.linspace(-half_width, half_width, size, endpoint=False) + half_width / size
-    cells = np.stack(np.meshgrid(axis, axis, axis, indexing="ij")).reshape(3, -1)
+    _, large_velocity = _draw_density_and_velocity(rng, 48, 8 * half_width, np.pi / half_width / 2)
+    axis_points = np.linspace(-half_width, half_width, size, endpoint=False) + half_width / size
+    cells = np.stack(np.meshgrid(axis_points, axis_points, axis_points, indexing="ij")).reshape(3, -1)
     coarse_grid = VelocityGrid(large_velocity, 8 * half_width * (1 - 1 / 48), "icrs")
     lon, lat = angles(cells)
     velocity = velocity.reshape(3, -1) + coarse_grid.at(lon, lat, np.linalg.norm(cells, axis=0), "icrs")[0]
@@ -460,14 +460,14 @@ def clustered_galaxies(
     return Population(lon, lat, magnitude, redshift), grid
 
 
-def _draw_linear_field(rng, size, half_width, max_wavenumber=np.inf):
+def _draw_density_and_velocity(rng, size, half_width, max_wavenumber=np.inf):
     """Density contrast and velocity on a periodic grid, of the waves below a wave number along every axis."""
-    step = 2 * half_width / size
-    k = wave_vectors(size, step)
+    cell_size = 2 * half_width / size
+    k = wave_vectors(size, cell_size)
     wavenumber = np.sqrt(np.sum(k**2, 0))
     wavenumber[0, 0, 0] = 1.0
     power = np.where(np.abs(k).max(0) < max_wavenumber, LINEAR_PLANCK18.power_at(wavenumber), 0.0)
     power[0, 0, 0] = 0.0
-    amplitudes = np.fft.rfftn(rng.standard_normal((size, size, size))) * np.sqrt(power / step**3)
+    amplitudes = np.fft.rfftn(rng.standard_normal((size, size, size))) * np.sqrt(power / cell_size**3)
     density = np.fft.irfftn(amplitudes, (size,) * 3, axes=(0, 1, 2))
     return density, compute_velocities(amplitudes, k, LINEAR_PLANCK18.growth_rate)
