@@ -252,12 +252,12 @@ def _solve_jointly(population, rng, mission, variability, excess_noise, quote, t
         raise ParameterError(
             "a joint solution quotes the errors of its measurements alone: quote_variability is for an attitude in µas"
         )
-    error = mission.transit_error(population.magnitude, excess_noise)
+    transit_error = mission.transit_error(population.magnitude, excess_noise)
     solution, system, notes = solve_mission(
         mission.scanning_law,
         population.lon,
         population.lat,
-        error,
+        transit_error,
         rng,
         variability=variability,
         knots=mission.knots,

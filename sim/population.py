@@ -445,10 +445,10 @@ def clustered_galaxies(
     velocity = velocity.reshape(3, -1) + coarse_grid.at(lon, lat, np.linalg.norm(cells, axis=0), "icrs")[0]
     grid = VelocityGrid(velocity.reshape(3, size, size, size), half_width * (1 - 1 / size), "icrs")
     weights = np.exp(density.ravel() - density.var() / 2)
-    weights = np.cumsum(np.where(np.linalg.norm(cells, axis=0) < max_distance + 2 * half_width / size, weights, 0.0))
+    cumulative = np.cumsum(np.where(np.linalg.norm(cells, axis=0) < max_distance + 2 * half_width / size, weights, 0.0))
     columns: list[list[np.ndarray]] = [[], [], [], []]
     while sum(map(len, columns[0])) < n:
-        cell_numbers = np.searchsorted(weights, rng.uniform(0, weights[-1], 2 * n))
+        cell_numbers = np.searchsorted(cumulative, rng.uniform(0, cumulative[-1], 2 * n))
         positions = cells[:, cell_numbers] + rng.uniform(-half_width / size, half_width / size, (3, 2 * n))
         r = np.linalg.norm(positions, axis=0)
         z = compute_redshift(r / h)

@@ -253,7 +253,7 @@ class SourcesWithErrors(Frozen):
     def _derive(self, **changes: Any) -> Self:
         """A field derived from this one, which has been checked already."""
         field = object.__new__(type(self))
-        field._set(**{**vars(self), **changes})
+        field._set_frozen(**{**vars(self), **changes})
         return field
 
     def inner(self, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -391,9 +391,9 @@ class Field(Equal, SourcesWithErrors):
     def __post_init__(self) -> None:
         check_frame(self.frame)
         if self.redshift_frame is not None:
-            self._set(redshift_frame=check_redshift_frame(self.redshift_frame))
+            self._set_frozen(redshift_frame=check_redshift_frame(self.redshift_frame))
         columns = bad_rows.check_source_columns(self, ("lat", "motion", "sigma", "rho", *MEASURED), ("name",))
-        self._set(**columns, notes=tuple(self.notes))
+        self._set_frozen(**columns, notes=tuple(self.notes))
         bad_rows.check_distances_and_errors(self)
 
     @classmethod

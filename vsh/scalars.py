@@ -149,7 +149,7 @@ class ScalarField(SourcesWithErrors):
         check_column_shapes(arrays, lambda column: (arrays["lon"].size,))
         reasons = _find_invalid_rows(arrays["lon"], arrays["lat"], arrays["values"], arrays["sigma"])
         select_usable_rows(reasons, arrays["lon"].size)
-        self._set(**arrays, unit=str(self.unit), notes=tuple(self.notes))
+        self._set_frozen(**arrays, unit=str(self.unit), notes=tuple(self.notes))
 
     @classmethod
     def from_columns(

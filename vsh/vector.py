@@ -69,7 +69,7 @@ class Vector(Equal, Frozen):
         value = float_array("the components of a Vector", self.value, (3,), finite=False, unit=unit)
         if np.isinf(value).any():
             raise ParameterError(f"the components of a Vector are finite, not {value}")
-        self._set(value=value, covariance=covariance("the covariance of a Vector", self.covariance, 3))
+        self._set_frozen(value=value, covariance=covariance("the covariance of a Vector", self.covariance, 3))
 
     def __repr__(self) -> str:
         return f"<Vector: {self.in_numbers()}>"

@@ -212,8 +212,8 @@ class Equations(InNotebook):
         try:
             return cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
         except LinAlgError as error:
-            digits = re.search(r"\d+", str(error))
-            coefficient = (int(digits[0]) - 1) // 3 if digits else 0
+            match = re.search(r"\d+", str(error))
+            coefficient = (int(match[0]) - 1) // 3 if match else 0
             day = coefficient * self.scans.spacing * 365.25
             raise DegeneracyError(
                 f"the attitude is not determined at its coefficient {coefficient} of {self.coefficients} (day "
@@ -259,8 +259,8 @@ class ExactErrors(Equations):
         iterations: int = 2000,
     ) -> FloatArray:
         """Covariance that the same fit really has, with all that sources share through the attitude; exact."""
-        fit = MotionFit(self, as_modes(modes), find_sources_at(self.scans, lon, lat))
-        g = fit.functionals(np.arange(len(fit.modes)))
+        motion_fit = MotionFit(self, as_modes(modes), find_sources_at(self.scans, lon, lat))
+        g = motion_fit.functionals(np.arange(len(motion_fit.modes)))
         return self._compute_covariance(g, tolerance, iterations, variability)
 
     def covariance_of(
@@ -511,7 +511,7 @@ class System(ExactErrors):
         key = None
         if checkpoint is not None:
             key = digest_values((rhs, attitude_rhs, x, self.prior, self.smoothing, low_fit.sources, len(low_fit.modes)))
-            state = read_checkpoint(checkpoint, key)
+            state = read_checkpoint_state(checkpoint, key)
             if state is not None:
                 history, updates = list(state.pop("history")), list(state.pop("updates"))
                 iteration.restore(state)
@@ -639,7 +639,7 @@ def _sum_products(a, b):
     return (a * b).reshape(-1, a.shape[-1]).sum(axis=0)
 
 
-def read_checkpoint(path: PathName, key: str) -> dict[str, Any] | None:
+def read_checkpoint_state(path: PathName, key: str) -> dict[str, Any] | None:
     """Read the state that a checkpoint holds, or None where there is no file."""
     if not Path(path).exists():
         return None

@@ -46,8 +46,8 @@ def make_parser() -> argparse.ArgumentParser:
             "vsh-sim epochs --number 300 --wave 2,300,0,60,-20 --output epochs.fits",
         ),
     )
-    add = parsing.adder(parser)
-    add(
+    add_option = parsing.adder(parser)
+    add_option(
         "kind",
         "what is simulated | vlbi: offsets from radio positions, as motions; "
         "crf3: a whole Gaia-CRF3 in the archive's columns; crf4: the same with the columns, epoch, errors and models "
@@ -55,7 +55,7 @@ def make_parser() -> argparse.ArgumentParser:
         "and VLBI, for vsh-link",
         KINDS,
     )
-    add(
+    add_option(
         "--number N",
         "number of sources (default: 10000; link: 40; crf3, crf4: 1215942) | of crf3 and crf4 those with five "
         "parameters, to which about a third more with six parameters are added",
@@ -65,67 +65,67 @@ def make_parser() -> argparse.ArgumentParser:
         "--output FILE", "table to write: FITS, ECSV, CSV, VOTable or Parquet", required=True
     )
     parsing.add_overwrite(parser)
-    add(
+    add_option(
         "--positions FILE",
         "quasars, galaxies: table to use instead of drawn ones | of positions, redshifts and magnitudes, which are "
         "drawn where it has none",
     )
-    add(
+    add_option(
         "--columns ROLE=NAME,…",
         "names of the columns of --positions: redshift=zsp",
         parsing.columns,
         action=parsing.JoinValues,
     )
-    add(
+    add_option(
         "--sky NAME|MAP",
         f"distribution of the sources: {', '.join(parsing.SKIES)} or a map | uniform unless given; a "
         "HEALPix map (FITS), galactic:FILE where its header does not state its axes",
     )
-    add("--spin X,Y,Z", "true spin, ICRS, µas/yr (default: none)", parsing.vector, (0.0, 0.0, 0.0))
-    add(
+    add_option("--spin X,Y,Z", "true spin, ICRS, µas/yr (default: none)", parsing.vector, (0.0, 0.0, 0.0))
+    add_option(
         "--acceleration X,Y,Z",
         "true acceleration, ICRS, µas/yr (default: 4.3 towards the Galactic centre)",
         parsing.vector,
         parsing.vector(ACCELERATION),
     )
-    add("--orientation X,Y,Z", "vlbi, link: true orientation, ICRS, µas", parsing.vector, (0.0, 0.0, 0.0))
-    add(
+    add_option("--orientation X,Y,Z", "vlbi, link: true orientation, ICRS, µas", parsing.vector, (0.0, 0.0, 0.0))
+    add_option(
         "--velocity planck|SPEED,L,B",
         "galaxies: true velocity of the Solar System | km/s toward Galactic degrees; 0 unless given, so that no "
         "secular parallax is simulated; with --flow linear that of the flow where we are, and the Sun's in the Local "
         "Group",
         parsing.velocity,
     )
-    add(
+    add_option(
         "--flow linear|SIGMA",
         "galaxies: peculiar velocities | those of linear theory, a dispersion in km/s, or both, as linear,250",
         _check_flow_words,
         action=parsing.JoinValues,
     )
-    add(
+    add_option(
         "--redshifts",
         "of the expansion alone (true), or observed | those have velocities in them",
         ("true", "heliocentric", "cmb"),
         "true",
     )
-    add(
+    add_option(
         "--errors",
         "errors from every transit, expected by place, or with a solved attitude | expected: by place and magnitude; "
         "solved: together with the sources",
         ("transits", "expected", "solved"),
         "transits",
     )
-    add("--release", "release whose errors are simulated", ("DR3", "DR4", "DR5", "paper"), "DR4")
-    add(
+    add_option("--release", "release whose errors are simulated", ("DR3", "DR4", "DR5", "paper"), "DR4")
+    add_option(
         "--traps",
         "crf3, crf4: with systematic errors | and stars among the quasars, and faint errors that are too small",
     )
-    add(
+    add_option(
         "--wave F,PLUS,CROSS,L,B",
         "epochs: a gravitational wave of frequency F per year | strains in µas, toward ICRS degrees L, B",
         parsing.numbers,
     )
-    add("--seed", "seed", int, 1)
+    add_option("--seed", "seed", int, 1)
     return parsing.add_common(parser, "list of what was written")
 
 
@@ -142,12 +142,12 @@ def narrow(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
             action.help = argparse.SUPPRESS
 
 
-def _check_flow_words(text):
+def _check_flow_words(words):
     """Return the words on flows, "linear" and a dispersion between commas, if they can be read."""
-    for word in text.split(","):
+    for word in words.split(","):
         if word != "linear":
             parsing.not_negative(word)
-    return text
+    return words
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:

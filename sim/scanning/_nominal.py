@@ -95,9 +95,9 @@ class Precession:
         """g = dν/dλ."""
         return (np.sqrt(self.speed**2 - np.cos(nu) ** 2) + np.cos(self.xi) * np.sin(nu)) / np.sin(self.xi)
 
-    def phase(self, start: float, turned: FloatArray) -> FloatArray:
-        """ν [rad] where it was `start`, and the Sun has since turned by so much, (n,). [rad]"""
-        target_longitude = self._longitude(start) + turned
+    def phase(self, start_phase: float, sun_turn: FloatArray) -> FloatArray:
+        """ν [rad] where it was `start_phase`, and the Sun has since turned by so much, (n,). [rad]"""
+        target_longitude = self._longitude(start_phase) + sun_turn
         nu = target_longitude / self._longitude.slope
         for _ in range(30):
             step = (target_longitude - self._longitude(nu)) * self.rate(nu)
@@ -106,9 +106,9 @@ class Precession:
                 break
         return nu
 
-    def lag(self, start: float, nu: FloatArray) -> FloatArray:
-        """Part of Ω that is missing from an even turn while ν went from `start` to `nu`. [rad]"""
-        return -np.cos(self.xi) * (nu - start) - np.sin(self.xi) * (self._sine(nu) - self._sine(start))
+    def lag(self, start_phase: float, nu: FloatArray) -> FloatArray:
+        """Part of Ω that is missing from an even turn while ν went from `start_phase` to `nu`. [rad]"""
+        return -np.cos(self.xi) * (nu - start_phase) - np.sin(self.xi) * (self._sine(nu) - self._sine(start_phase))
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,8 +290,8 @@ class NominalScanningLaw(Frozen):
         source, time, views = spins.find_crossings(r, max_height, self.basic_angle / 2, compiled=compiled)
         if spins.bend >= _MAX_BEND:
             time = self._refine_crossing_times(r[:, source], time, views)
-        hits = is_outside_gaps(time, self._state["gaps"])
-        source, time, views = source[hits], time[hits], views[hits]
+        is_observed = is_outside_gaps(time, self._state["gaps"])
+        source, time, views = source[is_observed], time[is_observed], views[is_observed]
         (z, _, _), (sun, distance) = self._compute_axes_and_sun(time)
         directions = r[:, source]
         sine = dot(directions, z)

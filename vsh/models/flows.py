@@ -210,7 +210,7 @@ class LinearTheory(Frozen):
             )
         if not (power > 0).all():
             raise ParameterError("the power of matter is above zero at every wave number")
-        self._set(k=k, power=power, growth_rate=positive("growth_rate", self.growth_rate))
+        self._set_frozen(k=k, power=power, growth_rate=positive("growth_rate", self.growth_rate))
 
     def __repr__(self) -> str:
         return f"<LinearTheory: {self.name}, {self.sigma:.0f} km/s in each component>"

@@ -258,7 +258,7 @@ class AstrometryRows(Frozen):
         columns |= {"still": still, "displaced": is_displaced}
         shapes: dict[str, tuple[int, ...]] = {"motion": (2, n), "covariance": (n, 5, 5)}
         check_column_shapes(columns, lambda column: shapes.get(column, (n,)))
-        self._set(**columns)
+        self._set_frozen(**columns)
         self._check_rows()
 
     def _check_rows(self):

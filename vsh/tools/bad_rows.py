@@ -53,7 +53,7 @@ def as_floats_and_mask(
     if array.dtype.kind not in "OiufUS":
         raise FieldError(f"{column} holds {array.dtype.name}, not real numbers")
     if array.dtype.kind in "OUS":
-        array = _parse_numbers(column, array if is_missing is None else np.where(is_missing, "", array), first_row)
+        array = _parse_number_texts(column, array if is_missing is None else np.where(is_missing, "", array), first_row)
     try:
         floats = np.ascontiguousarray(array, dtype=float)
     except (TypeError, ValueError) as error:
@@ -256,18 +256,18 @@ def select_usable_rows(
         reasons[reason] = mask & ~is_bad
         is_bad |= mask
     has_invalid = any(reasons[reason].any() for reason in invalid)
-    invalid = {reason: mask for reason, mask in reasons.items() if mask.any()}
+    row_masks = {reason: mask for reason, mask in reasons.items() if mask.any()}
     n_bad = int(is_bad.sum())
     if not n_bad:
         return slice(None), ()
-    counts_by_reason = {reason: int(mask.sum()) for reason, mask in invalid.items()}
+    counts_by_reason = {reason: int(mask.sum()) for reason, mask in row_masks.items()}
     note = DroppedRows.of_table(counts_by_reason, n, np.packbits(is_bad), *identifying_arrays)
     if n_bad == n:
-        error = EmptyFieldError(f"{_describe_unusable_rows(invalid, n, first_row)}. No row is left")
+        error = EmptyFieldError(f"{_describe_unusable_rows(row_masks, n, first_row)}. No row is left")
         error.notes = (note,)
         raise error
     if on_bad == "raise" and has_invalid:
-        invalid_masks = {reason: mask for reason, mask in invalid.items() if reason not in (set_aside or {})}
+        invalid_masks = {reason: mask for reason, mask in row_masks.items() if reason not in (set_aside or {})}
         remedy = 'Fix them, or leave them out with on_bad="drop" (--on-bad drop)'
         raise FieldError(f"{_describe_unusable_rows(invalid_masks, n, first_row)}; rows are counted from 0. {remedy}")
     return ~is_bad, (note,)
@@ -295,7 +295,7 @@ def row_numbers(rows: Any, first_row: Any) -> Any:
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|nan|", re.IGNORECASE)
 
 
-def _parse_numbers(column, array, first_row):
+def _parse_number_texts(column, array, first_row):
     """An array whose texts are numbers, with a minus or an exponent as they may be written; blank ones are nan."""
     parsed_values, texts = array.astype(object), {}
     for row, entry in enumerate(array.ravel()):

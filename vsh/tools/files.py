@@ -164,8 +164,8 @@ def atomic_write(path: PathName, overwrite: bool = False) -> Iterator[Path]:
     check_not_read(path)
     check_overwrite_allowed(path, overwrite)
     _remove_abandoned_writes(path)
-    handle, temporary_name = tempfile.mkstemp(prefix=_make_prefix(), suffix=f"-{path.name[-100:]}", dir=path.parent)
-    os.close(handle)
+    descriptor, temporary_name = tempfile.mkstemp(prefix=_make_prefix(), suffix=f"-{path.name[-100:]}", dir=path.parent)
+    os.close(descriptor)
     temporary_path = Path(temporary_name)
     try:
         yield temporary_path
@@ -269,20 +269,20 @@ def hold_lock(path: PathName) -> Iterator[None]:
         return
     lock_path = path.with_name(f"{_LOCK}{path.name[-100:]}")
     while True:
-        handle = os.open(lock_path, os.O_RDWR | os.O_CREAT, 0o666)
+        descriptor = os.open(lock_path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            os.close(handle)
+            os.close(descriptor)
             raise WriteError(f"another process is writing {path.name}: wait for it, or name another") from None
-        if os.path.exists(lock_path) and os.path.samestat(os.fstat(handle), os.stat(lock_path)):
+        if os.path.exists(lock_path) and os.path.samestat(os.fstat(descriptor), os.stat(lock_path)):
             break
-        os.close(handle)  # whoever held it took its name away
+        os.close(descriptor)  # whoever held it took its name away
     try:
         yield
     finally:
         lock_path.unlink(missing_ok=True)
-        os.close(handle)
+        os.close(descriptor)
 
 
 def write_arrays(path: PathName, arrays: Mapping[str, Any], *, compress: bool = False, overwrite: bool = False) -> None:
@@ -516,7 +516,7 @@ def _adapt_to_format(table, format_name, path):
             for name in filter(_COEFFICIENT_NAME.fullmatch, table.colnames):
                 table.rename_column(name, re.sub(r"\W+", "_", name).strip("_"))
         for name in [name for name in table.colnames if table[name].dtype.kind in "UO"]:
-            if _is_ascii(np.ma.getdata(table[name])):
+            if _is_column_ascii(np.ma.getdata(table[name])):
                 continue
             texts = [str(text).translate(_TO_ASCII) for text in np.ma.getdata(table[name])]
             rows = [row for row, text in enumerate(texts) if not text.isascii()]
@@ -529,7 +529,7 @@ def _adapt_to_format(table, format_name, path):
                 table[name] = type(table[name])(texts, mask=table[name].mask) if hasattr(table[name], "mask") else texts
 
 
-def _is_ascii(texts):
+def _is_column_ascii(texts):
     """Return whether a column of text holds ASCII alone; at once, for catalogues have millions of names."""
     try:
         np.asarray(texts).astype("S")

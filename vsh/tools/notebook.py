@@ -100,12 +100,12 @@ class Frozen(InNotebook):
     """Base of frozen dataclasses that hold arrays: arrays, in lists and tuples too, become read-only views."""
 
     def __post_init__(self) -> None:
-        self._set(**{entry.name: getattr(self, entry.name) for entry in fields(cast(Any, self))})
+        self._set_frozen(**{entry.name: getattr(self, entry.name) for entry in fields(cast(Any, self))})
 
     def __setstate__(self, state):
-        self._set(**state)  # NumPy gives back arrays that can be written to
+        self._set_frozen(**state)  # NumPy gives back arrays that can be written to
 
-    def _set(self, /, **values: Any) -> None:
+    def _set_frozen(self, /, **values: Any) -> None:
         """Set attributes, arrays as read-only views: the caller's stay as they are."""
         for name, value in values.items():
             object.__setattr__(self, name, _freeze_arrays(value))

@@ -187,15 +187,15 @@ def drop_empty_notes(notes: Iterable[str]) -> tuple[str, ...]:
 
 def count_dropped(notes: Iterable[str]) -> int:
     """Number of rows that were left out, from the notes."""
-    return _count_rows(notes, DroppedRows)
+    return _count_noted_rows(notes, DroppedRows)
 
 
 def count_unselected(notes: Iterable[str]) -> int:
     """Number of rows that a condition left out, from the notes."""
-    return _count_rows(notes, UnselectedRows)
+    return _count_noted_rows(notes, UnselectedRows)
 
 
-def _count_rows(notes, note_class):
+def _count_noted_rows(notes, note_class):
     return sum((sum(note.counts.values()) for note in notes if isinstance(note, note_class)), 0)
 
 

@@ -183,24 +183,24 @@ def log_calls(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
             with name_step(words):
                 if not logger.isEnabledFor(logging.INFO):
                     return function(*args, **options)
-                begin = time.perf_counter()
+                start_time = time.perf_counter()
                 with set_variable_meanwhile(_IS_WITHIN_STEP, True):
                     result = function(*args, **options)
-            return log_result(logger, words, result, begin)
+            return log_result(logger, words, result, start_time)
 
         return call_and_log
 
     return decorate
 
 
-def log_result(logger: logging.Logger, words: str, result: _T, begin: float) -> _T:
+def log_result(logger: logging.Logger, words: str, result: _T, start_time: float) -> _T:
     """Log a result, and give it back, where a decorator would stand between a warning and its caller."""
     if not _IS_WITHIN_STEP.get():
-        logger.info("%s: %s, %.3g s", words, _shorten_repr(result), time.perf_counter() - begin)
+        logger.info("%s: %s, %.3g s", words, _format_short_repr(result), time.perf_counter() - start_time)
     return result
 
 
-def _shorten_repr(result):
+def _format_short_repr(result):
     """The repr of a result where it is one short line; otherwise the name of its type."""
     lines = repr(result).strip("<>").splitlines()
     return lines[0] if len(lines) == 1 and len(lines[0]) < 200 else type(result).__name__

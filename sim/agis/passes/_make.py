@@ -117,8 +117,8 @@ class CompiledPasses:
             band_segment = np.zeros((3 * (last_knot - first_knot + 3), BANDS))
             self._kernels.add_blocks(start, stop, first_knot, source_blocks, band_segment, transits)
             band[3 * first_knot : 3 * (last_knot + 3)] += band_segment
-        upper = np.triu_indices(5, 1)
-        source_blocks[:, upper[0], upper[1]] = source_blocks[:, upper[1], upper[0]]
+        upper_triangle = np.triu_indices(5, 1)
+        source_blocks[:, upper_triangle[0], upper_triangle[1]] = source_blocks[:, upper_triangle[1], upper_triangle[0]]
         return source_blocks[self.rank], band.T
 
 
@@ -192,9 +192,9 @@ class SparsePasses:
         blocks[row // 5, row % 5, column % 5] = source_normal.data
         attitude_normal = (self.attitude.T @ self.attitude.multiply(self.weights[:, None])).tocsr()
         band = np.zeros((BANDS, attitude_normal.shape[0]))
-        for distance in range(BANDS):
-            diagonal = attitude_normal.diagonal(-distance)
-            band[distance, : len(diagonal)] = diagonal
+        for offset in range(BANDS):
+            diagonal = attitude_normal.diagonal(-offset)
+            band[offset, : len(diagonal)] = diagonal
         return blocks, band
 
 
