@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim.astrometry import COMPONENTS, expected_solution_covariances, solve_astrometry, split_covariance
+from sim.astrometry import COMPONENTS, predict_solution_covariances, solve_astrometry, split_covariance
 from sim.mission import Mission, as_mission
 from sim.population import Population
 from sim.scanning import NominalScanningLaw
@@ -82,7 +82,7 @@ def expected_covariances(
     error = mission.transit_error(population.magnitude, excess_noise)
 
     def compute_block(chunk, transits):
-        return expected_solution_covariances(
+        return predict_solution_covariances(
             transits, error[chunk], years=mission.years, variability=variability, attitude=float(mission.attitude)
         )
 

@@ -144,8 +144,8 @@ def _observe_redshifts(field, signal, frame, error, rng):
     if isinstance(error, str):
         if error not in REDSHIFT_ERRORS:
             raise ParameterError(f"errors of redshifts are called {', '.join(REDSHIFT_ERRORS)}, not {error!r}")
-        constant, slope = REDSHIFT_ERRORS[error]
-        error = constant + slope * field.redshift
+        error_at_zero, slope = REDSHIFT_ERRORS[error]
+        error = error_at_zero + slope * field.redshift
     error = arguments.float_array("redshift_error", error, (len(field),), broadcast=True)
     if (error < 0).any():
         raise ParameterError("redshift_error must be zero or more")

@@ -119,7 +119,7 @@ def plane_avoiding_sky(n: int, rng: Rng, latitude: float = 15.0) -> tuple[FloatA
     return angles(rotation_matrix("galactic", "icrs") @ triad(l, b)[2])
 
 
-def quasar_magnitudes(n: int, rng: Rng, max_magnitude: float = 20.0) -> FloatArray:
+def draw_quasar_magnitudes(n: int, rng: Rng, max_magnitude: float = 20.0) -> FloatArray:
     """n magnitudes G with the number counts of Gaia's quasars, log-linear between the published ones.
 
     Brighter than G = 18 the first slope is continued.
@@ -127,17 +127,17 @@ def quasar_magnitudes(n: int, rng: Rng, max_magnitude: float = 20.0) -> FloatArr
     if not 18 < max_magnitude <= 21:
         raise ParameterError(f"the counts are known for 18 < G ≤ 21, not to {max_magnitude}")
     magnitude, log_count = np.array(list(_BRIGHTER_THAN)), np.log10(list(_BRIGHTER_THAN.values()))
-    slope = log_count[1] - log_count[0]
-    magnitude, log_count = np.insert(magnitude, 0, 12.0), np.insert(log_count, 0, log_count[0] - 6 * slope)
+    first_slope = log_count[1] - log_count[0]
+    magnitude, log_count = np.insert(magnitude, 0, 12.0), np.insert(log_count, 0, log_count[0] - 6 * first_slope)
     log_limit = np.interp(max_magnitude, magnitude, log_count)
     log_draws = log_limit + np.log10(1 - generator(rng).uniform(0, 1, n))
     return np.interp(log_draws, log_count, magnitude)
 
 
-def crf3_magnitudes(n_five: int, n_six: int, rng: Rng) -> FloatArray:
+def draw_crf3_magnitudes(n_five: int, n_six: int, rng: Rng) -> FloatArray:
     """Magnitudes G like those of Gaia-CRF3: of sources with five parameters, then of those with six."""
     rng = generator(rng)
-    return np.concatenate([quasar_magnitudes(n_five, rng, 21.0), 21 - rng.gamma(2.0, 0.32, n_six)])
+    return np.concatenate([draw_quasar_magnitudes(n_five, rng, 21.0), 21 - rng.gamma(2.0, 0.32, n_six)])
 
 
 def quasar_redshifts(n: int, rng: Rng) -> FloatArray:
@@ -198,7 +198,7 @@ def quasars(
     lon, lat = _draw_positions(n, rng, sky, map_frame)
     # Redshifts from streams of their own: they shift nothing that is drawn later.
     redshift_rng, rank_rng = rng.spawn(2)
-    magnitude = quasar_magnitudes(n, rng, max_magnitude)
+    magnitude = draw_quasar_magnitudes(n, rng, max_magnitude)
     return Population(lon, lat, magnitude, assign_redshifts(quasar_redshifts(n, redshift_rng), magnitude, rank_rng))
 
 

@@ -202,7 +202,7 @@ class AngleBlock:
         """T, (coefficients, coefficients)."""
         n_harmonics, size = 2 * self.calibration.order + 1, self._columns.shape[1]
         matrix = (self._columns.T @ self._columns.multiply(self._weights[:, None])).toarray()
-        no_sources = np.zeros((self.equations.scans.n_sources, 5))
+        zero_parameters = np.zeros((self.equations.scans.n_sources, 5))
         interval = np.arange(size) // n_harmonics
         for colour in range(3):
             for harmonic in range(n_harmonics):
@@ -210,7 +210,7 @@ class AngleBlock:
                 coefficients = np.zeros(size)
                 coefficients[chosen_columns] = 1
                 attitude = self.compute_effects(coefficients)[2]
-                response = self._project_on_columns(self.equations.passes.predict(no_sources, attitude)[0])
+                response = self._project_on_columns(self.equations.passes.predict(zero_parameters, attitude)[0])
                 for column in chosen_columns:
                     is_neighbour = np.abs(interval - interval[column]) <= 1
                     matrix[is_neighbour, column] -= response[is_neighbour]

@@ -13,7 +13,7 @@ import numpy as np
 from sim.astrometry import solve_astrometry
 from sim.gaia._link import draw_systematics, find_error_inflation, find_wavenumber_offset, learn_redshifts, scan_columns
 from sim.mission import Mission
-from sim.population import CRF3_COUNTS, SIX_PARAMETERS, assign_redshifts, crf3_magnitudes, quasar_redshifts
+from sim.population import CRF3_COUNTS, SIX_PARAMETERS, assign_redshifts, draw_crf3_magnitudes, quasar_redshifts
 from sim.scanning import NominalScanningLaw
 from sim.signal import Signal, acceleration, as_signal
 from sim.skies import draw_positions
@@ -159,7 +159,7 @@ def _simulate_catalogue(rng, signal, n_five, n_six, release, traps):
     sky_rng, light_rng, size_rng, noise_rng, property_rng, gap_rng, trap_rng = generator(rng).spawn(7)
     lon, lat = draw_positions(n, sky_rng, "gums")
     has_six = np.arange(n) >= n_five
-    magnitude = crf3_magnitudes(n_five, n - n_five, light_rng)
+    magnitude = draw_crf3_magnitudes(n_five, n - n_five, light_rng)
     properties = _draw_property_columns(property_rng, has_six, magnitude)
     mission = Mission(NominalScanningLaw(years=years, rng=gap_rng), release)
     pixel = pixels_of(lon, lat, _NSIDE)
@@ -225,7 +225,7 @@ def _make_source_ids(lon, lat):
     """Numbers as Gaia makes them: the HEALPix pixel of level 12, nested, then a running number."""
     pixel = pixels_of(lon, lat, 4096, nested=True)
     order = np.argsort(pixel, kind="stable")
-    starts = np.searchsorted(pixel[order], pixel[order])
+    pixel_starts = np.searchsorted(pixel[order], pixel[order])
     running_number = np.empty(len(pixel), np.int64)
-    running_number[order] = np.arange(len(pixel)) - starts
+    running_number[order] = np.arange(len(pixel)) - pixel_starts
     return pixel.astype(np.int64) * 2**35 + (running_number + 1) * 2**7

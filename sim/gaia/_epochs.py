@@ -186,13 +186,13 @@ def _compute_absorbed_part(law, population, truth, transits, error, scatter, n_s
 
     position_rng, noise_rng = rng.spawn(2)
     lon, lat = uniform_sky(n_stars, position_rng)
-    n = len(error)
+    n_sources = len(error)
     sigma = np.r_[error, np.full(n_stars, _STAR_ERROR)]
     mission_scans = scans(
         law, np.r_[population.lon, lon], np.r_[population.lat, lat], sigma, 5 * sigma, knots=_KNOT_STEP, threads=threads
     )
     system, time = System(mission_scans, threads=threads, calibration=calibration), mission_scans.time()
-    rows = np.flatnonzero(mission_scans.source < n)
+    rows = np.flatnonzero(mission_scans.source < n_sources)
     rows = rows[np.lexsort([time[rows], mission_scans.source[rows]])]  # in the order of the transits
     if not np.array_equal(mission_scans.source[rows], transits.source):
         raise ParameterError("transits at the edges of the mission differ: take another mission")

@@ -24,7 +24,7 @@ from vsh.tools.errors import VshError, VshWarning
 from vsh.tools.files import check_not_read, digest, protect_files
 from vsh.tools.formats import hide_address_secrets, hide_secrets, is_address
 from vsh.tools.parallel import hide_elapsed_time, limit_threads, show_elapsed_time, without_progress_bars
-from vsh.tools.printing import PACKAGES, format_system_message, guard_printing, mute_if_broken, mute_output, printable
+from vsh.tools.printing import PACKAGES, format_os_error, guard_printing, mute_if_broken, mute_output, printable
 
 #: Options that change no result, and what the parser found besides.
 NOT_TOLD = (*sorted({*NOT_KEPT} - {"checkpoint", "url"}), "log", "threads", "command", "given", "program", "expected")
@@ -93,7 +93,7 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
         return 0
     except OSError as error:
         mute_if_broken()
-        return _report_failure(program, f"error: {format_system_message(error)}")
+        return _report_failure(program, f"error: {format_os_error(error)}")
     except VshError as error:
         return _report_failure(program, f"error: {error}")
     except KeyboardInterrupt as error:
@@ -140,13 +140,13 @@ class _LogHandler(logging.FileHandler):
 
     def handleError(self, record: logging.LogRecord) -> None:
         error = sys.exc_info()[1]
-        self.failed = self.failed or (format_system_message(error) if isinstance(error, OSError) else str(error))
+        self.failed = self.failed or (format_os_error(error) if isinstance(error, OSError) else str(error))
 
     def close(self) -> None:
         try:
             super().close()
         except OSError as error:
-            self.failed = self.failed or format_system_message(error)
+            self.failed = self.failed or format_os_error(error)
 
 
 def _check_log(options):

@@ -67,9 +67,9 @@ _ENDS: list[Callable[[], object]] = []
 
 
 @contextmanager
-def name_step(words: str) -> Iterator[None]:
+def name_step(step_name: str) -> Iterator[None]:
     """Meanwhile the line of `show_elapsed_time` says that this is at work."""
-    _STEPS.append(words)
+    _STEPS.append(step_name)
     try:
         yield
     finally:

@@ -71,9 +71,9 @@ def latex_text(text: object) -> str:
     """Text that LaTeX prints as it is, with its own minus and powers of ten for numbers."""
     with_minuses = re.sub(r"(?<![\w-])-(?=\d)", "−", printable(text))
     pieces = _POWER_OF_TEN.split(with_minuses)
-    texts = [_TEX_SIGN.sub(lambda sign: _TEX[sign[0]], part) for part in pieces[::3]]
+    texts = [_TEX_SIGN.sub(lambda sign: _TEX[sign[0]], piece) for piece in pieces[::3]]
     numbers = zip(pieces[1::3], pieces[2::3], texts[1:], strict=True)
-    return texts[0] + "".join(rf"${value} \times 10^{{{int(power)}}}${part}" for value, power, part in numbers)
+    return texts[0] + "".join(rf"${value} \times 10^{{{int(power)}}}${piece}" for value, power, piece in numbers)
 
 
 def one_line_text(name: object) -> str:
@@ -99,7 +99,7 @@ def guard_printing() -> Iterator[None]:
     except OSError as error:
         mute_output()
         if sys.stderr is not None:
-            print(f"vsh: error: not all could be printed: {format_system_message(error)}", file=sys.stderr)
+            print(f"vsh: error: not all could be printed: {format_os_error(error)}", file=sys.stderr)
         raise SystemExit(1) from None
 
 
@@ -120,7 +120,7 @@ def mute_if_broken() -> None:
         mute_output()
 
 
-def format_system_message(error: OSError) -> str:
+def format_os_error(error: OSError) -> str:
     """Message of the system, with its file."""
     suffix = f": {error.filename}" if error.filename else ""
     if error.errno == errno.ENOSPC:
@@ -161,7 +161,7 @@ for _name in PACKAGES:
     logging.getLogger(_name).addHandler(logging.NullHandler())
 
 
-def log_calls(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
+def log_calls(step_name: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
     """A decorator: at level INFO the logger of a function's module says what came out of it, and how long it took.
 
     Examples
@@ -180,23 +180,23 @@ def log_calls(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
 
         @wraps(function)
         def call_and_log(*args: _P.args, **options: _P.kwargs) -> _T:
-            with name_step(words):
+            with name_step(step_name):
                 if not logger.isEnabledFor(logging.INFO):
                     return function(*args, **options)
                 start_time = time.perf_counter()
                 with set_variable_meanwhile(_IS_WITHIN_STEP, True):
                     result = function(*args, **options)
-            return log_result(logger, words, result, start_time)
+            return log_result(logger, step_name, result, start_time)
 
         return call_and_log
 
     return decorate
 
 
-def log_result(logger: logging.Logger, words: str, result: _T, start_time: float) -> _T:
+def log_result(logger: logging.Logger, step_name: str, result: _T, start_time: float) -> _T:
     """Log a result, and give it back, where a decorator would stand between a warning and its caller."""
     if not _IS_WITHIN_STEP.get():
-        logger.info("%s: %s, %.3g s", words, _format_short_repr(result), time.perf_counter() - start_time)
+        logger.info("%s: %s, %.3g s", step_name, _format_short_repr(result), time.perf_counter() - start_time)
     return result
 
 

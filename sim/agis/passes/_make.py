@@ -54,9 +54,9 @@ class CompiledPasses:
         x, lengths, transits = x[self.order], (0,) * x.shape[-1], self._make_kernel_arguments()
 
         def sum_part(start, stop, first_knot, last_knot):
-            attitude = np.zeros((last_knot - first_knot + 3, 3, len(lengths)))
-            self._kernels.add_to_attitude(start, stop, first_knot, lengths, x, attitude, transits)
-            return attitude
+            attitude_sum = np.zeros((last_knot - first_knot + 3, 3, len(lengths)))
+            self._kernels.add_to_attitude(start, stop, first_knot, lengths, x, attitude_sum, transits)
+            return attitude_sum
 
         total = np.zeros((self.coefficients, 3, len(lengths)))
         for (first_knot, last_knot), partial_sum in zip(self.knots, self._map_parts(sum_part), strict=True):
@@ -68,9 +68,9 @@ class CompiledPasses:
         h, lengths, transits = np.ascontiguousarray(h), (0,) * h.shape[-1], self._make_kernel_arguments()
 
         def sum_part(start, stop, first_knot, last_knot):
-            sources = np.zeros((self.n, 5, len(lengths)))
-            self._kernels.add_to_sources(start, stop, lengths, h, sources, transits)
-            return sources
+            source_sum = np.zeros((self.n, 5, len(lengths)))
+            self._kernels.add_to_sources(start, stop, lengths, h, source_sum, transits)
+            return source_sum
 
         # From the end, where `to_attitude` stopped: of transits on disk the last are still in memory.
         return reduce(lambda total, term: np.add(total, term, out=total), self._map_parts(sum_part, -1))[self.rank]
