@@ -96,7 +96,7 @@ class Precession:
         return (np.sqrt(self.speed**2 - np.cos(nu) ** 2) + np.cos(self.xi) * np.sin(nu)) / np.sin(self.xi)
 
     def phase(self, start_phase: float, sun_turn: FloatArray) -> FloatArray:
-        """ν [rad] where it was `start_phase`, and the Sun has since turned by so much, (n,). [rad]"""
+        """ν [rad] where it was `start_phase`, and the Sun has since turned by `sun_turn`, (n,). [rad]"""
         target_longitude = self._longitude(start_phase) + sun_turn
         nu = target_longitude / self._longitude.slope
         for _ in range(30):
