@@ -13,7 +13,7 @@ sys.path[:0] = [str(ROOT), str(HERE)]
 from sphinx_gallery.sorting import ExplicitOrder  # noqa: E402
 
 import vsh  # noqa: E402 (found by the path above)
-from vsh.tools.parallel import without_bars  # noqa: E402
+from vsh.tools.parallel import without_progress_bars  # noqa: E402
 from vsh.tools.printing import PACKAGES  # noqa: E402
 
 project = "vsh-astrometry"
@@ -76,7 +76,7 @@ autodoc_typehints = "none"
 autodoc_default_options = {"inherited-members": "tuple,BaseException,Protocol"}
 
 # No page shows a progress bar, wherever it is built, and the build does not tell every step.
-without_bars().__enter__()
+without_progress_bars().__enter__()
 for name in PACKAGES:
     logging.getLogger(name).setLevel("WARNING")
 

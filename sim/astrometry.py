@@ -105,11 +105,11 @@ class Astrometry(Frozen):
 
 def smallest_eigenvalue(matrix: FloatArray) -> FloatArray:
     """Smallest eigenvalue of normal matrices, (…, p, p), scaled to a diagonal of one: how well they are determined."""
-    scale = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-300))
-    return np.linalg.eigvalsh(matrix / (scale[..., :, None] * scale[..., None, :]))[..., 0]
+    root_diagonal = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-300))
+    return np.linalg.eigvalsh(matrix / (root_diagonal[..., :, None] * root_diagonal[..., None, :]))[..., 0]
 
 
-def extract_errors(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+def split_covariance(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Standard errors, (2, n), and correlations, (n,), of covariances, (n, 2, 2)."""
     sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
     return sigma, covariance[:, 0, 1] / (sigma[0] * sigma[1])
@@ -164,16 +164,16 @@ def solve_astrometry(
             normal[:, i, j] = normal[:, j, i] = np.bincount(source, design[i] * design[j], n)
     # A solution wants more transits than parameters, and scans in more than one direction.
     is_solved = (counts > 5) & (smallest_eigenvalue(normal) > LEAST_EIGENVALUE)
-    inverse = np.full((n, 5, 5), np.nan)
-    inverse[is_solved] = np.linalg.inv(normal[is_solved])
-    errors = np.einsum("nij,nj->ni", inverse, rhs)
-    covariance = inverse * error[:, None, None] ** 2
+    inverse_normal = np.full((n, 5, 5), np.nan)
+    inverse_normal[is_solved] = np.linalg.inv(normal[is_solved])
+    errors = np.einsum("nij,nj->ni", inverse_normal, rhs)
+    covariance = inverse_normal * error[:, None, None] ** 2
     if quote_variability and variability is not None:
-        covariance = covariance + _compute_variability_covariance(inverse, design, transits, variability, n)
+        covariance = covariance + _compute_variability_covariances(inverse_normal, design, transits, variability, n)
     return Astrometry(errors, covariance, counts)
 
 
-def expected_solution_covariances(
+def predict_solution_covariances(
     transits: Transits,
     error: FloatArray,
     *,
@@ -187,27 +187,27 @@ def expected_solution_covariances(
     from transit to transit. nan where a source has too few transits.
     """
     formal = solve_astrometry(transits, error, 0, years=years).covariance
-    inverse = formal / error[:, None, None] ** 2
-    true = formal + attitude**2 * inverse
+    inverse_normal = formal / error[:, None, None] ** 2
+    true = formal + attitude**2 * inverse_normal
     if variability is not None and variability.sigma > 0:
         design = make_design_rows(transits.angle, transits.parallax_factor, transits.time - years / 2)
-        true = true + _compute_variability_covariance(inverse, design, transits, variability, len(error))
+        true = true + _compute_variability_covariances(inverse_normal, design, transits, variability, len(error))
     return formal, true
 
 
-def _compute_variability_covariance(inverse, design, transits, variability, n):
+def _compute_variability_covariances(inverse, design, transits, variability, n):
     """A⁺ C A⁺ᵀ of every source, C the covariance of its variability at its transits."""
     covariances = np.zeros((n, 5, 5))
     bounds = np.searchsorted(transits.source, np.arange(n + 1))
     for k, (begin, end) in enumerate(pairwise(bounds)):
         pseudoinverse = inverse[k] @ design[:, begin:end]
         angle = transits.angle[begin:end]
-        c = variability.covariance(transits.time[begin:end]) * np.cos(np.subtract.outer(angle, angle))
-        covariances[k] = pseudoinverse @ c @ pseudoinverse.T
+        chain_covariance = variability.covariance(transits.time[begin:end]) * np.cos(np.subtract.outer(angle, angle))
+        covariances[k] = pseudoinverse @ chain_covariance @ pseudoinverse.T
     return covariances
 
 
-def errors_of_unit_transits(law: NominalScanningLaw, n: int = 2000, seed: int = 1) -> FloatArray:
+def compute_unit_transit_errors(law: NominalScanningLaw, n: int = 2000, seed: int = 1) -> FloatArray:
     """Sky-mean errors of (α*, δ, ϖ, µ_α*, µ_δ) for a transit error of one, (5,).
 
     From n uniform positions, always the same ones; the law remembers the result.

@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim.astrometry import COMPONENTS, expected_solution_covariances, extract_errors, solve_astrometry
+from sim.astrometry import COMPONENTS, predict_solution_covariances, solve_astrometry, split_covariance
 from sim.mission import Mission, as_mission
 from sim.population import Population
 from sim.scanning import NominalScanningLaw
@@ -82,7 +82,7 @@ def expected_covariances(
     error = mission.transit_error(population.magnitude, excess_noise)
 
     def compute_block(chunk, transits):
-        return expected_solution_covariances(
+        return predict_solution_covariances(
             transits, error[chunk], years=mission.years, variability=variability, attitude=float(mission.attitude)
         )
 
@@ -129,18 +129,18 @@ def errors_by_place(
         If a source has too few transits for five parameters.
     """
     mission = as_mission(mission, release)
-    pixels, pixel = np.unique(pixels_of(lon, lat, nside), return_inverse=True)
-    middle = [angle[pixels] for angle in centres(nside)]
-    solution = solve_astrometry(mission.scanning_law.transits(*middle), np.ones(len(pixels)), 0, years=mission.years)
-    covariance = solution.covariance[pixel][:, 3:, 3:]
-    lost = ~np.isfinite(covariance).all((1, 2))
-    if lost.any():
+    pixels, pixel_index = np.unique(pixels_of(lon, lat, nside), return_inverse=True)
+    places = [angle[pixels] for angle in centres(nside)]
+    solution = solve_astrometry(mission.scanning_law.transits(*places), np.ones(len(pixels)), 0, years=mission.years)
+    covariance = solution.covariance[pixel_index][:, 3:, 3:]
+    is_lost = ~np.isfinite(covariance).all((1, 2))
+    if is_lost.any():
         raise ParameterError(
-            f"{lost.sum()} of {lost.size} sources have too few transits for five parameters in {mission.years:g} years:"
-            " a longer mission (years=) gives all of them errors"
+            f"{is_lost.sum()} of {is_lost.size} sources have too few transits for five parameters in {mission.years:g} "
+            "years: a longer mission (years=) gives all of them errors"
         )
-    unit, rho = extract_errors(covariance)
-    return mission.transit_error(magnitude) * unit, rho
+    unit_errors, rho = split_covariance(covariance)
+    return mission.transit_error(magnitude) * unit_errors, rho
 
 
 def scan_maps(

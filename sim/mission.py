@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim.astrometry import KNOT_INTERVAL, RELEASES, errors_of_unit_transits, parallax_error
+from sim.astrometry import KNOT_INTERVAL, RELEASES, compute_unit_transit_errors, parallax_error
 from sim.scanning import NominalScanningLaw
 from vsh.tools import arguments
 from vsh.tools.errors import FrameError, ParameterError
@@ -95,7 +95,7 @@ class Mission(InNotebook):
         """
         if magnitude is None:
             raise ParameterError("errors of transits go by magnitude, and these sources have none")
-        point_error = parallax_error(magnitude, self.release) / errors_of_unit_transits(self.scanning_law)[2]
+        point_error = parallax_error(magnitude, self.release) / compute_unit_transit_errors(self.scanning_law)[2]
         return np.hypot(point_error, excess_noise)
 
     def attitude_noise(self, rng: Rng) -> FloatArray | None:

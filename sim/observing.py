@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from sim.agis import solve_mission
-from sim.astrometry import COMPONENTS, extract_errors, gaia_errors, solve_astrometry
+from sim.astrometry import COMPONENTS, gaia_errors, solve_astrometry, split_covariance
 from sim.mission import Mission, as_mission
 from sim.population import Population
 from sim.scanning import BLOCK, NominalScanningLaw
@@ -116,7 +116,7 @@ def observe(
             population, rng, as_mission(mission, release), variability, excess_noise, quote_variability, threads,
             progress, "motion",
         )  # fmt: skip
-        population, (sigma, rho) = population[is_kept], extract_errors(covariance)
+        population, (sigma, rho) = population[is_kept], split_covariance(covariance)
     else:
         if variability is not None or quote_variability or np.any(excess_noise != 0.0):
             raise ParameterError("variability and excess noise need a mission, at whose transits sources are displaced")
@@ -130,7 +130,7 @@ def observe(
             raise ParameterError("sigma must be above zero, and rho between −1 and 1")
         draws = rng.standard_normal((2, n))
         errors, notes = sigma * np.stack([draws[0], rho * draws[0] + np.sqrt(1 - rho**2) * draws[1]]), []
-    field = _make_field(population, as_signal(signal), errors, notes, sigma, rho)
+    field = _make_observed_field(population, as_signal(signal), errors, notes, sigma, rho)
     return _observe_redshifts(field, as_signal(signal), redshifts, redshift_error, rng)
 
 
@@ -144,8 +144,8 @@ def _observe_redshifts(field, signal, frame, error, rng):
     if isinstance(error, str):
         if error not in REDSHIFT_ERRORS:
             raise ParameterError(f"errors of redshifts are called {', '.join(REDSHIFT_ERRORS)}, not {error!r}")
-        constant, slope = REDSHIFT_ERRORS[error]
-        error = constant + slope * field.redshift
+        error_at_zero, slope = REDSHIFT_ERRORS[error]
+        error = error_at_zero + slope * field.redshift
     error = arguments.float_array("redshift_error", error, (len(field),), broadcast=True)
     if (error < 0).any():
         raise ParameterError("redshift_error must be zero or more")
@@ -206,10 +206,10 @@ def observe_offsets(
     errors, covariance, is_kept, notes = _solve_mission_sources(
         population, rng, as_mission(mission, release), variability, 0.0, False, threads, progress, "position"
     )
-    error = arguments.float_array("radio", radio, (len(population),), broadcast=True)[is_kept]
-    errors = errors + error * rng.standard_normal(errors.shape)
-    covariance = covariance + error[:, None, None] ** 2 * np.eye(2)
-    return _make_field(population[is_kept], as_signal(signal), errors, notes, *extract_errors(covariance))
+    radio_error = arguments.float_array("radio", radio, (len(population),), broadcast=True)[is_kept]
+    errors = errors + radio_error * rng.standard_normal(errors.shape)
+    covariance = covariance + radio_error[:, None, None] ** 2 * np.eye(2)
+    return _make_observed_field(population[is_kept], as_signal(signal), errors, notes, *split_covariance(covariance))
 
 
 def _solve_mission_sources(population, rng, mission, variability, excess_noise, quote, threads, progress, kind):
@@ -219,16 +219,16 @@ def _solve_mission_sources(population, rng, mission, variability, excess_noise, 
     if mission.is_solved:
         return _solve_jointly(population, rng, mission, variability, excess_noise, quote, threads, progress, columns)
     # A seed of its own for every block: threads may take them in any order.
-    seeds = rng.spawn(-(-len(population) // BLOCK) + 1)
-    attitude_errors = mission.attitude_noise(seeds[-1])
-    error = mission.transit_error(population.magnitude, excess_noise)
+    block_rngs = rng.spawn(-(-len(population) // BLOCK) + 1)
+    attitude_errors = mission.attitude_noise(block_rngs[-1])
+    transit_error = mission.transit_error(population.magnitude, excess_noise)
 
     def solve_block(chunk, transits):
-        seed = seeds[chunk.start // BLOCK]
+        block_rng = block_rngs[chunk.start // BLOCK]
         solution = solve_astrometry(
             transits,
-            error[chunk],
-            seed,
+            transit_error[chunk],
+            block_rng,
             years=mission.years,
             variability=variability,
             attitude=attitude_errors,
@@ -252,12 +252,12 @@ def _solve_jointly(population, rng, mission, variability, excess_noise, quote, t
         raise ParameterError(
             "a joint solution quotes the errors of its measurements alone: quote_variability is for an attitude in µas"
         )
-    error = mission.transit_error(population.magnitude, excess_noise)
+    transit_error = mission.transit_error(population.magnitude, excess_noise)
     solution, system, notes = solve_mission(
         mission.scanning_law,
         population.lon,
         population.lat,
-        error,
+        transit_error,
         rng,
         variability=variability,
         knots=mission.knots,
@@ -271,7 +271,7 @@ def _solve_jointly(population, rng, mission, variability, excess_noise, quote, t
     return solution.sources[is_kept][:, columns].T, solution.formal[is_kept][:, columns, columns], is_kept, notes
 
 
-def _make_field(population, signal, errors, notes, sigma, rho):
+def _make_observed_field(population, signal, errors, notes, sigma, rho):
     motion = signal(population.lon, population.lat, population.redshift) + errors
     columns = {name: getattr(population, name) for name in ("redshift", "magnitude", "frame")}
     return Field(population.lon, population.lat, motion, sigma, rho, **columns, notes=notes)

@@ -12,7 +12,7 @@ from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
-from vsh.tools.bad_rows import as_floats
+from vsh.tools.bad_rows import as_floats_and_mask
 from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import FloatArray, Rng
@@ -48,7 +48,7 @@ class Population(Frozen):
         check_frame(self.frame)
         for name in ("lon", "lat", "magnitude", "redshift"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, np.array(as_floats(name, getattr(self, name))[0]))
+                object.__setattr__(self, name, np.array(as_floats_and_mask(name, getattr(self, name))[0]))
         for name, limit in (("lat", np.pi / 2), ("lon", 4 * np.pi)):
             column = getattr(self, name)
             if column is not None and np.size(column) and np.nanmax(np.abs(column)) > limit * (1 + 1e-12):
@@ -60,9 +60,9 @@ class Population(Frozen):
     def __len__(self) -> int:
         return len(self.lon)
 
-    def __getitem__(self, keep: Any):
+    def __getitem__(self, selection: Any):
         """The sources picked by a mask, a slice or indices."""
-        return replace(self, **{k: v[keep] for k, v in vars(self).items() if isinstance(v, np.ndarray)})
+        return replace(self, **{name: v[selection] for name, v in vars(self).items() if isinstance(v, np.ndarray)})
 
 
 #: Quasars in Gaia's frame brighter than each magnitude (Gaia DR3, five-parameter solutions).
@@ -119,7 +119,7 @@ def plane_avoiding_sky(n: int, rng: Rng, latitude: float = 15.0) -> tuple[FloatA
     return angles(rotation_matrix("galactic", "icrs") @ triad(l, b)[2])
 
 
-def quasar_magnitudes(n: int, rng: Rng, max_magnitude: float = 20.0) -> FloatArray:
+def draw_quasar_magnitudes(n: int, rng: Rng, max_magnitude: float = 20.0) -> FloatArray:
     """n magnitudes G with the number counts of Gaia's quasars, log-linear between the published ones.
 
     Brighter than G = 18 the first slope is continued.
@@ -127,17 +127,17 @@ def quasar_magnitudes(n: int, rng: Rng, max_magnitude: float = 20.0) -> FloatArr
     if not 18 < max_magnitude <= 21:
         raise ParameterError(f"the counts are known for 18 < G ≤ 21, not to {max_magnitude}")
     magnitude, log_count = np.array(list(_BRIGHTER_THAN)), np.log10(list(_BRIGHTER_THAN.values()))
-    slope = log_count[1] - log_count[0]
-    magnitude, log_count = np.insert(magnitude, 0, 12.0), np.insert(log_count, 0, log_count[0] - 6 * slope)
+    first_slope = log_count[1] - log_count[0]
+    magnitude, log_count = np.insert(magnitude, 0, 12.0), np.insert(log_count, 0, log_count[0] - 6 * first_slope)
     log_limit = np.interp(max_magnitude, magnitude, log_count)
     log_draws = log_limit + np.log10(1 - generator(rng).uniform(0, 1, n))
     return np.interp(log_draws, log_count, magnitude)
 
 
-def crf3_magnitudes(n_five: int, n_six: int, rng: Rng) -> FloatArray:
+def draw_crf3_magnitudes(n_five: int, n_six: int, rng: Rng) -> FloatArray:
     """Magnitudes G like those of Gaia-CRF3: of sources with five parameters, then of those with six."""
     rng = generator(rng)
-    return np.concatenate([quasar_magnitudes(n_five, rng, 21.0), 21 - rng.gamma(2.0, 0.32, n_six)])
+    return np.concatenate([draw_quasar_magnitudes(n_five, rng, 21.0), 21 - rng.gamma(2.0, 0.32, n_six)])
 
 
 def quasar_redshifts(n: int, rng: Rng) -> FloatArray:
@@ -198,7 +198,7 @@ def quasars(
     lon, lat = _draw_positions(n, rng, sky, map_frame)
     # Redshifts from streams of their own: they shift nothing that is drawn later.
     redshift_rng, rank_rng = rng.spawn(2)
-    magnitude = quasar_magnitudes(n, rng, max_magnitude)
+    magnitude = draw_quasar_magnitudes(n, rng, max_magnitude)
     return Population(lon, lat, magnitude, assign_redshifts(quasar_redshifts(n, redshift_rng), magnitude, rank_rng))
 
 
@@ -296,13 +296,13 @@ def galaxies(
         raise ParameterError(f"redshifts must rise from above zero, not from {min_redshift} to {max_redshift}")
     rng = generator(rng)
     lon, lat = _draw_positions(n, rng, sky, map_frame)
-    grid = np.linspace(min_redshift, max_redshift, 2000)
-    distance = transverse_distance(grid)
+    redshift_grid = np.linspace(min_redshift, max_redshift, 2000)
+    distance_grid = transverse_distance(redshift_grid)
     redshift, magnitude = np.empty(0), np.empty(0)
     while len(redshift) < n:
-        cube = rng.uniform(distance[0] ** 3, distance[-1] ** 3, n)
-        z = np.interp(np.cbrt(cube), distance, grid)
-        g = distance_modulus(np.cbrt(cube), z) + rng.normal(absolute, spread, n)
+        cubed_distance = rng.uniform(distance_grid[0] ** 3, distance_grid[-1] ** 3, n)
+        z = np.interp(np.cbrt(cubed_distance), distance_grid, redshift_grid)
+        g = distance_modulus(np.cbrt(cubed_distance), z) + rng.normal(absolute, spread, n)
         redshift, magnitude = np.r_[redshift, z[g < max_magnitude]], np.r_[magnitude, g[g < max_magnitude]]
     return Population(lon, lat, magnitude[:n], redshift[:n])
 
@@ -318,9 +318,9 @@ def magnitudes_at(redshift: FloatArray, rng: Rng) -> FloatArray:
         The source of all randomness.
     """
     redshift = np.asarray(redshift, float)
-    typical = distance_modulus(transverse_distance(redshift), redshift) + _ABSOLUTE_MAGNITUDE
-    fraction = ndtr((_MAX_MAGNITUDE - typical) / _SPREAD)
-    return typical + _SPREAD * ndtri(np.maximum(generator(rng).uniform(size=redshift.shape) * fraction, 1e-300))
+    mean_magnitude = distance_modulus(transverse_distance(redshift), redshift) + _ABSOLUTE_MAGNITUDE
+    fraction = ndtr((_MAX_MAGNITUDE - mean_magnitude) / _SPREAD)
+    return mean_magnitude + _SPREAD * ndtri(np.maximum(generator(rng).uniform(size=redshift.shape) * fraction, 1e-300))
 
 
 @arguments.accepts(
@@ -385,11 +385,11 @@ def stars(
 def _draw_positions(n, rng, sky, map_frame):
     if n < 1:
         raise ParameterError(f"a population has at least one member, not {n}")
-    exact_skies = {"uniform": uniform_sky, "plane-avoiding": plane_avoiding_sky}
+    named_skies = {"uniform": uniform_sky, "plane-avoiding": plane_avoiding_sky}
     if not isinstance(sky, (str, np.ndarray)):
         raise ParameterError(f"a sky is a name or a HEALPix map, not {type(sky).__name__}")
-    if isinstance(sky, str) and sky in exact_skies:
-        return exact_skies[sky](n, rng)
+    if isinstance(sky, str) and sky in named_skies:
+        return named_skies[sky](n, rng)
     from sim.skies import draw_positions
 
     return draw_positions(n, rng, sky, map_frame)
@@ -435,20 +435,20 @@ def clustered_galaxies(
     h = hubble_value(FLAT_PLANCK13) / 100
     min_distance, max_distance = transverse_distance(np.array([_MIN_REDSHIFT, max_redshift])) * h
     half_width = 1.6 * max_distance
-    density, velocity = _draw_linear_field(rng, size, half_width)
+    density, velocity = _draw_density_and_velocity(rng, size, half_width)
     # Waves longer than the box carry galaxies along without clustering them.
-    _, large_velocity = _draw_linear_field(rng, 48, 8 * half_width, np.pi / half_width / 2)
-    axis = np.linspace(-half_width, half_width, size, endpoint=False) + half_width / size
-    cells = np.stack(np.meshgrid(axis, axis, axis, indexing="ij")).reshape(3, -1)
+    _, large_velocity = _draw_density_and_velocity(rng, 48, 8 * half_width, np.pi / half_width / 2)
+    axis_points = np.linspace(-half_width, half_width, size, endpoint=False) + half_width / size
+    cells = np.stack(np.meshgrid(axis_points, axis_points, axis_points, indexing="ij")).reshape(3, -1)
     coarse_grid = VelocityGrid(large_velocity, 8 * half_width * (1 - 1 / 48), "icrs")
     lon, lat = angles(cells)
     velocity = velocity.reshape(3, -1) + coarse_grid.at(lon, lat, np.linalg.norm(cells, axis=0), "icrs")[0]
     grid = VelocityGrid(velocity.reshape(3, size, size, size), half_width * (1 - 1 / size), "icrs")
     weights = np.exp(density.ravel() - density.var() / 2)
-    weights = np.cumsum(np.where(np.linalg.norm(cells, axis=0) < max_distance + 2 * half_width / size, weights, 0.0))
+    cumulative = np.cumsum(np.where(np.linalg.norm(cells, axis=0) < max_distance + 2 * half_width / size, weights, 0.0))
     columns: list[list[np.ndarray]] = [[], [], [], []]
     while sum(map(len, columns[0])) < n:
-        cell_numbers = np.searchsorted(weights, rng.uniform(0, weights[-1], 2 * n))
+        cell_numbers = np.searchsorted(cumulative, rng.uniform(0, cumulative[-1], 2 * n))
         positions = cells[:, cell_numbers] + rng.uniform(-half_width / size, half_width / size, (3, 2 * n))
         r = np.linalg.norm(positions, axis=0)
         z = compute_redshift(r / h)
@@ -460,14 +460,14 @@ def clustered_galaxies(
     return Population(lon, lat, magnitude, redshift), grid
 
 
-def _draw_linear_field(rng, size, half_width, max_wavenumber=np.inf):
+def _draw_density_and_velocity(rng, size, half_width, max_wavenumber=np.inf):
     """Density contrast and velocity on a periodic grid, of the waves below a wave number along every axis."""
-    step = 2 * half_width / size
-    k = make_wave_vectors(size, step)
+    cell_size = 2 * half_width / size
+    k = make_wave_vectors(size, cell_size)
     wavenumber = np.sqrt(np.sum(k**2, 0))
     wavenumber[0, 0, 0] = 1.0
     power = np.where(np.abs(k).max(0) < max_wavenumber, LINEAR_PLANCK18.power_at(wavenumber), 0.0)
     power[0, 0, 0] = 0.0
-    amplitudes = np.fft.rfftn(rng.standard_normal((size, size, size))) * np.sqrt(power / step**3)
+    amplitudes = np.fft.rfftn(rng.standard_normal((size, size, size))) * np.sqrt(power / cell_size**3)
     density = np.fft.irfftn(amplitudes, (size,) * 3, axes=(0, 1, 2))
     return density, compute_linear_velocities(amplitudes, k, LINEAR_PLANCK18.growth_rate)

@@ -85,7 +85,7 @@ class Coefficients(Frozen):
             raise ModesError(
                 f"degree {modes.lmax} has {len(modes)} coefficients; an array of shape {values.shape} was given"
             )
-        self._set(modes=modes, values=values)
+        self._set_frozen(modes=modes, values=values)
 
     @classmethod
     def from_vectors(cls, rotation: ArrayLike = (0, 0, 0), glide: ArrayLike = (0, 0, 0), lmax: int = 1) -> Coefficients:

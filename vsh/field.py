@@ -27,7 +27,7 @@ from vsh.sky.frames import (
 from vsh.tools import bad_rows
 from vsh.tools.arguments import float_array, read_only
 from vsh.tools.errors import FieldError, FrameError, ParameterError
-from vsh.tools.files import check_new, table_of, write_table
+from vsh.tools.files import check_overwrite_allowed, table_of, write_table
 from vsh.tools.notebook import Equal, Frozen
 from vsh.tools.notes import NO_REDSHIFTS, VELOCITIES, CodedNote, merge_notes
 from vsh.tools.types import ArrayLike, Axes, BoolArray, FloatArray, OnBad, PathName, Table
@@ -65,14 +65,14 @@ def field_arrays(
     absent = [c for c in ("ra", "dec", *_MOTIONS) if given_columns[c] is None]
     if absent:
         raise FieldError(f"{', '.join(absent)} must be given")
-    pairs = {c: bad_rows.as_floats(c, v, units.get(c, "")) for c, v in given_columns.items() if v is not None}
+    pairs = {c: bad_rows.as_floats_and_mask(c, v, units.get(c, "")) for c, v in given_columns.items() if v is not None}
     columns: dict[str, Any] = {column: pair[0] for column, pair in pairs.items()}
     missing: dict[str, BoolArray] = {column: pair[1] for column, pair in pairs.items()}
     columns.setdefault("pmra_pmdec_corr", np.zeros(columns["ra"].shape))
     n = columns["ra"].size
     if name is not None:
         columns["name"] = np.asarray(name)
-    bad_rows.check_shapes(columns, lambda column: (n,))
+    bad_rows.check_column_shapes(columns, lambda column: (n,))
 
     block = np.empty((6, n))  # at once: the memory of a large block comes in large pages
     for column, row in zip(("ra", "dec", *_MOTIONS), block, strict=True):
@@ -101,7 +101,7 @@ def field_arrays(
         spans={"motion": bad_rows.joint_span(spans, _MOTIONS[:2], MAS),
                "sigma": bad_rows.joint_span(spans, _MOTIONS[2:], MAS)},
     )  # fmt: skip
-    rows, added_notes = bad_rows.select_usable(invalid, n, on_bad, first_row, (lon, lat), aside)
+    rows, added_notes = bad_rows.select_usable_rows(invalid, n, on_bad, first_row, (lon, lat), aside)
     arrays = {"lon": lon[rows], "lat": lat[rows], "motion": motion[:, rows], "sigma": sigma[:, rows], "rho": rho[rows]}
     arrays |= {c: columns[c][rows] for c in (*MEASURED, "name") if c in columns}
     kept_spans = spans if isinstance(rows, slice) else None
@@ -253,7 +253,7 @@ class SourcesWithErrors(Frozen):
     def _derive(self, **changes: Any) -> Self:
         """A field derived from this one, which has been checked already."""
         field = object.__new__(type(self))
-        field._set(**{**vars(self), **changes})
+        field._set_frozen(**{**vars(self), **changes})
         return field
 
     def inner(self, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -311,7 +311,7 @@ class SourcesWithErrors(Frozen):
         TableError
             If the format cannot hold what the field has.
         """
-        check_new(path, overwrite)
+        check_overwrite_allowed(path, overwrite)
         write_table(self.to_table(), path, meta, overwrite=overwrite)
 
 
@@ -391,10 +391,10 @@ class Field(Equal, SourcesWithErrors):
     def __post_init__(self) -> None:
         check_frame(self.frame)
         if self.redshift_frame is not None:
-            self._set(redshift_frame=check_redshift_frame(self.redshift_frame))
-        columns = bad_rows.check_columns(self, ("lat", "motion", "sigma", "rho", *MEASURED), ("name",))
-        self._set(**columns, notes=tuple(self.notes))
-        bad_rows.check_measurements(self)
+            self._set_frozen(redshift_frame=check_redshift_frame(self.redshift_frame))
+        columns = bad_rows.check_source_columns(self, ("lat", "motion", "sigma", "rho", *MEASURED), ("name",))
+        self._set_frozen(**columns, notes=tuple(self.notes))
+        bad_rows.check_distances_and_errors(self)
 
     @classmethod
     def from_columns(
@@ -724,8 +724,8 @@ class Field(Equal, SourcesWithErrors):
         rho = self.rho if rho is None else float_array("rho", rho, finite=False)
         sigma = float_array("sigma", sigma, (2, len(self)) if np.ndim(sigma) == 0 else None, False, broadcast=True)
         shapes: dict[str, tuple[int, ...]] = {"sigma": (2, len(self)), "rho": (len(self),)}
-        bad_rows.check_shapes({"sigma": sigma, "rho": rho}, shapes.__getitem__)
-        bad_rows.select_usable(bad_rows.find_bad_rows(self.lon, self.lat, self.motion, sigma, rho), len(self))
+        bad_rows.check_column_shapes({"sigma": sigma, "rho": rho}, shapes.__getitem__)
+        bad_rows.select_usable_rows(bad_rows.find_bad_rows(self.lon, self.lat, self.motion, sigma, rho), len(self))
         return self._derive(sigma=sigma, rho=rho)
 
     def to_frame(self, name: str) -> Field:

@@ -15,7 +15,7 @@ from vsh.sky.frames import AXES, FRAME_KEY, check_frame, rotation_matrix
 from vsh.sky.pixels import centres, check_nside, pixels_of
 from vsh.sky.sphere import angles, triad
 from vsh.tools.arguments import float_array, number
-from vsh.tools.bad_rows import as_floats, check_shapes, find_bad_rows, floats_or_nan, select_usable
+from vsh.tools.bad_rows import as_floats_and_mask, check_column_shapes, find_bad_rows, floats_or_nan, select_usable_rows
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, FloatArray, OnBad
 from vsh.tools.units import DEGREE
@@ -146,10 +146,10 @@ class ScalarField(SourcesWithErrors):
         arrays = {column: np.array(floats_or_nan(column, getattr(self, column))) for column in names}
         if self.name is not None:
             arrays["name"] = np.asarray(self.name)
-        check_shapes(arrays, lambda column: (arrays["lon"].size,))
+        check_column_shapes(arrays, lambda column: (arrays["lon"].size,))
         invalid_rows = _find_invalid_rows(arrays["lon"], arrays["lat"], arrays["values"], arrays["sigma"])
-        select_usable(invalid_rows, arrays["lon"].size)
-        self._set(**arrays, unit=str(self.unit), notes=tuple(self.notes))
+        select_usable_rows(invalid_rows, arrays["lon"].size)
+        self._set_frozen(**arrays, unit=str(self.unit), notes=tuple(self.notes))
 
     @classmethod
     def from_columns(
@@ -202,14 +202,14 @@ class ScalarField(SourcesWithErrors):
             ("values", values, unit),
             ("errors", errors, unit),
         ):
-            columns[column], missing[column] = as_floats(column, _convert_to_quantity(array), column_unit)
+            columns[column], missing[column] = as_floats_and_mask(column, _convert_to_quantity(array), column_unit)
         if name is not None:
             columns["name"] = np.asarray(name)
-        check_shapes(columns, lambda column: (columns["ra"].size,))
+        check_column_shapes(columns, lambda column: (columns["ra"].size,))
         lon, lat = columns["ra"] * DEGREE, columns["dec"] * DEGREE
         missing_rows = {f"{column} missing": mask for column, mask in missing.items()}
         invalid = _find_invalid_rows(lon, lat, columns["values"], columns["errors"], missing_rows, turns=1)
-        rows, added_notes = select_usable(invalid, lon.size, on_bad, mark=(lon, lat))
+        rows, added_notes = select_usable_rows(invalid, lon.size, on_bad, identifying_arrays=(lon, lat))
         names = columns["name"][rows] if name is not None else None
         lon, lat, numbers, sigma = (column[rows] for column in (lon, lat, columns["values"], columns["errors"]))
         return cls(lon, lat, numbers, sigma, unit, names, frame, (*notes, *added_notes))
@@ -329,7 +329,7 @@ class ScalarField(SourcesWithErrors):
 
 
 def _find_invalid_rows(lon, lat, values, sigma, further=None, turns=2):
-    return find_bad_rows(lon, lat, values[None], sigma[None], np.zeros(lon.shape), further, turns=turns, what="value")
+    return find_bad_rows(lon, lat, values[None], sigma[None], np.zeros(lon.shape), further, turns=turns, label="value")
 
 
 def _convert_to_quantity(column):

@@ -113,7 +113,7 @@ def project_response(
 def _synthesize_field(coefficients, loc, epsilon):
     """The field at each location, (2, n); (n,) of a scalar field."""
     is_scalar = isinstance(coefficients.modes, ScalarModes)
-    values = ducc0.sht.synthesis_general(
+    components = ducc0.sht.synthesis_general(
         alm=scalar_to_healpy(cast(ScalarCoefficients, coefficients))[None] if is_scalar else to_healpy(coefficients),
         spin=0 if is_scalar else 1,
         lmax=coefficients.modes.lmax,
@@ -122,9 +122,9 @@ def _synthesize_field(coefficients, loc, epsilon):
         nthreads=thread_count(),
     )
     if is_scalar:
-        return values[0]
-    np.negative(values[0], out=values[0])
-    return values[::-1]  # a copy would take as long as the transform
+        return components[0]
+    np.negative(components[0], out=components[0])
+    return components[::-1]  # a copy would take as long as the transform
 
 
 def _sum_by_mode(modes, loc, motion, epsilon, threads):
@@ -156,9 +156,9 @@ def fourier_moments(
         ducc0.nufft.nu2u(
             points=packed, coord=coord, forward=True, epsilon=epsilon, nthreads=1, out=moments, periodicity=2 * np.pi
         )
-    mirrored = np.conj(moments[:, ::-1, ::-1])
-    pairs = np.stack([(moments + mirrored) / 2, (moments - mirrored) / 2j], axis=1)
-    return pairs.reshape(-1, *moments.shape[1:])[: len(planes)]
+    mirrored_moments = np.conj(moments[:, ::-1, ::-1])
+    separated_moments = np.stack([(moments + mirrored_moments) / 2, (moments - mirrored_moments) / 2j], axis=1)
+    return separated_moments.reshape(-1, *moments.shape[1:])[: len(planes)]
 
 
 def _make_locations(lon, lat):

@@ -69,7 +69,7 @@ class Vector(Equal, Frozen):
         value = float_array("the components of a Vector", self.value, (3,), finite=False, unit=unit)
         if np.isinf(value).any():
             raise ParameterError(f"the components of a Vector are finite, not {value}")
-        self._set(value=value, covariance=covariance("the covariance of a Vector", self.covariance, 3))
+        self._set_frozen(value=value, covariance=covariance("the covariance of a Vector", self.covariance, 3))
 
     def __repr__(self) -> str:
         return f"<Vector: {self.in_numbers()}>"
@@ -116,8 +116,8 @@ class Vector(Equal, Frozen):
         amplitude, lon, lat = number("amplitude", amplitude), number("lon", lon), number("lat", lat)
         sigma = float_array("errors", errors, (3,))
         p, q, r = triad(np.radians(lon), np.radians(lat))
-        along, east, north = sigma[0], *(np.radians(sigma[1:]) * amplitude)
-        deviations = np.stack([along * r, east * np.cos(np.radians(lat)) * p, north * q])
+        radial_error, east_error, north_error = sigma[0], *(np.radians(sigma[1:]) * amplitude)
+        deviations = np.stack([radial_error * r, east_error * np.cos(np.radians(lat)) * p, north_error * q])
         return cls(amplitude * r, deviations.T @ deviations, frame, unit)
 
     @property
@@ -151,11 +151,11 @@ class Vector(Equal, Frozen):
         from astropy import units
 
         try:
-            target = units.Unit(str(unit).replace("µ", "u"))
-            factor = float(units.Unit(self.unit.replace("µ", "u")).to(target))
+            target_unit = units.Unit(str(unit).replace("µ", "u"))
+            factor = float(units.Unit(self.unit.replace("µ", "u")).to(target_unit))
         except (ValueError, TypeError) as error:
             raise ParameterError(f"a vector in {self.unit} cannot be turned into {unit}: {error}") from None
-        label = str(unit) if isinstance(unit, str) else target.to_string().replace(" ", "").replace("uas", "µas")
+        label = str(unit) if isinstance(unit, str) else target_unit.to_string().replace(" ", "").replace("uas", "µas")
         return replace(self, value=factor * self.value, covariance=factor**2 * self.covariance, unit=label)
 
     @property
@@ -201,8 +201,8 @@ class Vector(Equal, Frozen):
         Below it, `amplitude_interval` and `amplitude_limit`.
         """
         with np.errstate(invalid="ignore"):
-            along = self.value / np.linalg.norm(self.value)
-        return float(standard_errors(along @ self.covariance @ along, self.dof))
+            unit_vector = self.value / np.linalg.norm(self.value)
+        return float(standard_errors(unit_vector @ self.covariance @ unit_vector, self.dof))
 
     @property
     def debiased_amplitude(self) -> float:
@@ -271,17 +271,17 @@ class Vector(Equal, Frozen):
         probability = between("probability", probability, 0, 1)
         if self.dof < FEWEST_DOF:
             return float("nan")
-        if not (widest := np.linalg.eigvalsh(self.covariance)[-1]) > 0:
+        if not (max_variance := np.linalg.eigvalsh(self.covariance)[-1]) > 0:
             return 0.0
         # A component that is known exactly is taken as known a thousand times better than the others.
-        covariance = float(standard_errors(1.0, self.dof)) ** 2 * (self.covariance + 1e-6 * widest * np.eye(3))
+        covariance = float(standard_errors(1.0, self.dof)) ** 2 * (self.covariance + 1e-6 * max_variance * np.eye(3))
         precision = np.linalg.inv(covariance)
-        reach = min(np.pi, 12 * np.sqrt(np.linalg.eigvalsh(covariance)[-1]) / max(self.amplitude, 1e-300))
-        angle = np.linspace(0, reach, 400)
+        max_angle = min(np.pi, 12 * np.sqrt(np.linalg.eigvalsh(covariance)[-1]) / max(self.amplitude, 1e-300))
+        angle = np.linspace(0, max_angle, 400)
         azimuth = (np.arange(72) + 0.5) * 2 * np.pi / 72
         p, q, r = triad(*np.radians(self.direction))
-        side = np.multiply.outer(p, np.cos(azimuth)) + np.multiply.outer(q, np.sin(azimuth))
-        n = r[:, None, None] * np.cos(angle)[:, None] + side[:, None, :] * np.sin(angle)[:, None]
+        perpendicular = np.multiply.outer(p, np.cos(azimuth)) + np.multiply.outer(q, np.sin(azimuth))
+        n = r[:, None, None] * np.cos(angle)[:, None] + perpendicular[:, None, :] * np.sin(angle)[:, None]
         # ∫ exp(−(rn − v)ᵀ W (rn − v)/2) dr over r > 0.
         a = np.einsum("iab,ij,jab->ab", n, precision, n)
         b = np.einsum("iab,ij,j->ab", n, precision, self.value)
@@ -323,14 +323,14 @@ class Vector(Equal, Frozen):
         return {"value": f"({components}) {self.unit}", "amplitude": amplitude, "direction": direction}
 
 
-def chance_probability(square: float, size: int, dof: float = float("inf")) -> float:
+def chance_probability(square: float, n_components: int, dof: float = float("inf")) -> float:
     """Probability of as large a vᵀ C⁻¹ v by chance: of χ², or of Hotelling's T² where C has degrees of freedom."""
     if np.isinf(dof):
-        return float(chdtrc(size, square))
-    denominator_dof = dof - size + 1
+        return float(chdtrc(n_components, square))
+    denominator_dof = dof - n_components + 1
     if denominator_dof <= 0:
         return float("nan")
-    return float(fdtrc(size, denominator_dof, square * denominator_dof / (size * dof)))
+    return float(fdtrc(n_components, denominator_dof, square * denominator_dof / (n_components * dof)))
 
 
 def correlation_of(covariance: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ import emcee
 import numpy as np
 
 from vsh.tools.errors import CheckpointError, ParameterError
-from vsh.tools.files import check_not_read, digest_of, read_arrays, write_arrays
+from vsh.tools.files import check_not_read, digest_values, read_arrays, write_arrays
 from vsh.tools.notebook import InNotebook
 from vsh.tools.parallel import progress_bar
 from vsh.tools.printing import import_quietly
@@ -155,7 +155,7 @@ _RANDOM_STATE_FIELDS = ("key", "position", "has_gauss", "gauss")
 
 def make_fingerprint(arrays: Iterable[ArrayLike], about: str, model: dict[str, str]) -> dict[str, str]:
     """Fingerprint of a chain: a hash of the data, and the model in words."""
-    return {"data": f"{about}, {digest_of(map(np.asarray, arrays))[:16]}"} | model
+    return {"data": f"{about}, {digest_values(map(np.asarray, arrays))[:16]}"} | model
 
 
 def save_chain(

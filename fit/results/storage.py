@@ -28,7 +28,7 @@ from vsh.io.results import MOVED, RENAMED
 from vsh.io.sections import Answer, Section, as_json_value, text_of
 from vsh.modes import Modes
 from vsh.tools.errors import TableError, VshError
-from vsh.tools.files import RESULT_MARK, check_new
+from vsh.tools.files import RESULT_MARK, check_overwrite_allowed
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import CodedNote
 from vsh.tools.printing import printable
@@ -290,7 +290,7 @@ class Result(Frozen):
             If the file exists, and is not to be replaced.
         """
         _check_format(path)
-        check_new(path, overwrite)
+        check_overwrite_allowed(path, overwrite)
         columns, metadata, units = self._pack()
         mark = json.dumps({"type": type(self).__name__, "module": type(self).__module__} | metadata)
         facts = self._plain_facts()

@@ -122,18 +122,18 @@ class Calibration(Frozen):
         """
         z, preceding, following = law.attitude(since)
         sun = rotation_matrix("ecliptic", law.frame) @ law.sun(since)[0]
-        up = sun - z * np.sum(sun * z, 0)
-        middle = preceding + following
-        phase = np.arctan2(np.sum(np.cross(up, middle, axis=0) * z, 0), np.sum(up * middle, 0))
+        toward_sun = sun - z * np.sum(sun * z, 0)
+        mid_view = preceding + following
+        phase = np.arctan2(np.sum(np.cross(toward_sun, mid_view, axis=0) * z, 0), np.sum(toward_sun * mid_view, 0))
         harmonics = [np.ones_like(phase)]
         harmonics += [function(m * phase) for m in range(1, self.order + 1) for function in (np.cos, np.sin)]
         # Intervals of one length: a short one at the end would be determined by few transits.
         n_intervals = max(1, round(law.years * 365.25 / self.days))
-        interval = np.clip((since * n_intervals / law.years).astype(int), 0, n_intervals - 1)
-        columns = interval[:, None] * len(harmonics) + np.arange(len(harmonics))
+        interval_index = np.clip((since * n_intervals / law.years).astype(int), 0, n_intervals - 1)
+        column_indices = interval_index[:, None] * len(harmonics) + np.arange(len(harmonics))
         row_starts = len(harmonics) * np.arange(len(since) + 1)
         shape = (len(since), n_intervals * len(harmonics))
-        return csr_matrix((np.stack(harmonics, 1).ravel(), columns.ravel(), row_starts), shape)
+        return csr_matrix((np.stack(harmonics, 1).ravel(), column_indices.ravel(), row_starts), shape)
 
 
 def find_nearest_views(law: Any, r: FloatArray, since: FloatArray) -> IntArray:
@@ -163,30 +163,30 @@ class AngleBlock:
         self.equations, self.calibration = equations, calibration
         self._weights = scans.weights[0, scans.source] * equations.solved[scans.source]
         directions = triad(scans.lon, scans.lat)[2]
-        chunks = []
+        column_blocks = []
         for block in scans.blocks():
             since = scans.time(block)
-            sign = find_nearest_views(scans.law, directions[:, scans.source[block]], since) / 2
-            chunks.append(calibration.columns(scans.law, since).multiply(sign[:, None]).tocsr())
-        self._columns = vstack(chunks, format="csr")
+            half_sign = find_nearest_views(scans.law, directions[:, scans.source[block]], since) / 2
+            column_blocks.append(calibration.columns(scans.law, since).multiply(half_sign[:, None]).tocsr())
+        self._columns = vstack(column_blocks, format="csr")
         self._factor = cho_factor(self._compute_schur_complement(), check_finite=False)
 
     def fit_coefficients(self, along: FloatArray) -> FloatArray:
         """Fit the coefficients to observations `along` the scan that are free of attitude."""
         return cho_solve(self._factor, self._project_on_columns(along), check_finite=False)
 
-    def compute_shifts(self, coefficients: FloatArray) -> FloatArray:
+    def compute_along_shifts(self, coefficients: FloatArray) -> FloatArray:
         """Compute the displacements along the scan by `coefficients`, (k,)."""
         return np.asarray(self._columns @ coefficients)
 
     def compute_effects(self, coefficients: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Compute what `coefficients` change: along the scan (k,), at the sources (n, 5), in the attitude."""
-        along = self.compute_shifts(coefficients)
+        along = self.compute_along_shifts(coefficients)
         source_rhs, attitude_rhs = self.equations.passes.adjoint(along, np.zeros_like(along))
         attitude = self.equations.attitude_of(attitude_rhs)
         return along, source_rhs - self.equations.passes.to_sources(attitude[..., None])[..., 0], attitude
 
-    def compute_absorbed(self, x: FloatArray, attitude: FloatArray) -> FloatArray:
+    def compute_absorbed_part(self, x: FloatArray, attitude: FloatArray) -> FloatArray:
         """Compute the part that the angle absorbs of parameters `x` (n, 5, K) less their `attitude`."""
         absorbed = np.empty_like(x)
         for k in range(x.shape[-1]):
@@ -200,17 +200,17 @@ class AngleBlock:
 
     def _compute_schur_complement(self):
         """T, (coefficients, coefficients)."""
-        per_interval, size = 2 * self.calibration.order + 1, self._columns.shape[1]
+        n_harmonics, size = 2 * self.calibration.order + 1, self._columns.shape[1]
         matrix = (self._columns.T @ self._columns.multiply(self._weights[:, None])).toarray()
-        no_sources = np.zeros((self.equations.scans.n_sources, 5))
-        interval = np.arange(size) // per_interval
+        zero_parameters = np.zeros((self.equations.scans.n_sources, 5))
+        interval = np.arange(size) // n_harmonics
         for colour in range(3):
-            for harmonic in range(per_interval):
-                chosen_columns = np.flatnonzero((interval % 3 == colour) & (np.arange(size) % per_interval == harmonic))
+            for harmonic in range(n_harmonics):
+                chosen_columns = np.flatnonzero((interval % 3 == colour) & (np.arange(size) % n_harmonics == harmonic))
                 coefficients = np.zeros(size)
                 coefficients[chosen_columns] = 1
                 attitude = self.compute_effects(coefficients)[2]
-                response = self._project_on_columns(self.equations.passes.predict(no_sources, attitude)[0])
+                response = self._project_on_columns(self.equations.passes.predict(zero_parameters, attitude)[0])
                 for column in chosen_columns:
                     is_neighbour = np.abs(interval - interval[column]) <= 1
                     matrix[is_neighbour, column] -= response[is_neighbour]

@@ -107,18 +107,18 @@ def global_motion(
     scatters = arguments.float_array("scatter", scatter, lon.shape, finite=False, broadcast=True)
     if not (scatters > 0).all():
         raise ParameterError(f"{np.sum(~(scatters > 0))} scatters of motions are zero or negative")
-    field = harmonics(lon, lat, modes)
+    basis = harmonics(lon, lat, modes)
     names = [str(mode) for mode in modes]
     if not spin:
         mask = np.ones(len(modes), bool)
         mask[modes.slice_of("T", 1)] = False
-        field, names = field[mask], [name for name, is_included in zip(names, mask, strict=True) if is_included]
+        basis, names = basis[mask], [name for name, is_included in zip(names, mask, strict=True) if is_included]
     weights = 1 / scatters**2
-    return GlobalMotion(field.transpose(2, 1, 0) * (weights > 0)[:, None, None], weights, tuple(names), bool(spin))
+    return GlobalMotion(basis.transpose(2, 1, 0) * (weights > 0)[:, None, None], weights, tuple(names), bool(spin))
 
 
 #: Degrees that must come to rest.
-LOW_DEGREES = 3
+MAX_LOW_DEGREE = 3
 
 
 #: Sources that are looked at together.
@@ -142,10 +142,10 @@ class MotionFit:
         self.weighted_harmonics = scans.array(p, 2, len(self.sources))
         for chunk in make_source_slices(len(self.sources)):
             source_rows = self.sources[chunk]
-            field = harmonics(scans.lon[source_rows], scans.lat[source_rows], modes)
+            basis = harmonics(scans.lon[source_rows], scans.lat[source_rows], modes)
             weights = np.linalg.inv(equations.formal[source_rows][:, 3:, 3:])
-            self.weighted_harmonics[:, :, chunk] = weighted_field = np.einsum("nij,pjn->pin", weights, field)
-            normal += field.reshape(p, -1) @ weighted_field.reshape(p, -1).T
+            self.weighted_harmonics[:, :, chunk] = weighted_basis = np.einsum("nij,pjn->pin", weights, basis)
+            normal += basis.reshape(p, -1) @ weighted_basis.reshape(p, -1).T
         if smallest_eigenvalue(normal) < 1e-10:
             raise DegeneracyError(f"{len(self.sources)} sources do not determine degree {modes.lmax}: lower it")
         #: As quoted, (p, p).
@@ -156,9 +156,9 @@ class MotionFit:
         motions = x[self.sources, 3:].transpose(1, 0, 2)
         return self.formal @ (self.weighted_harmonics.reshape(len(self.modes), -1) @ motions.reshape(-1, x.shape[-1]))
 
-    def functionals(self, indices: ArrayLike) -> FloatArray:
+    def functionals(self, coefficient_indices: ArrayLike) -> FloatArray:
         """The g of some coefficients, c = Σ g x: (n, 5, K)."""
-        motion_functionals = np.tensordot(self.formal[np.asarray(indices)], self.weighted_harmonics, 1)
+        motion_functionals = np.tensordot(self.formal[np.asarray(coefficient_indices)], self.weighted_harmonics, 1)
         functionals = np.zeros((self.equations.scans.n_sources, 5, len(motion_functionals)))
         functionals[self.sources, 3:] = motion_functionals.transpose(2, 1, 0)
         return functionals
@@ -166,7 +166,7 @@ class MotionFit:
 
 def fit_low_degrees(equations: Any, sources: IntArray) -> MotionFit:
     """The fit whose coefficients must come to rest: to degree three, or as high as the sources determine."""
-    for degree in range(LOW_DEGREES, 0, -1):
+    for degree in range(MAX_LOW_DEGREE, 0, -1):
         if len(Modes(degree)) < 2 * equations.solved[sources].sum():
             try:
                 return MotionFit(equations, Modes(degree), sources)
@@ -183,8 +183,8 @@ def find_sources_at(scans: Scans, lon: ArrayLike | None, lat: ArrayLike | None) 
     lat = arguments.float_array("lat", lat, lon.shape)
     if lon.shape == scans.lon.shape and (lon == scans.lon).all() and (lat == scans.lat).all():
         return np.arange(scans.n_sources)
-    row_numbers = {position: i for i, position in enumerate(zip(scans.lon.tolist(), scans.lat.tolist(), strict=True))}
-    rows = [row_numbers.get(position, -1) for position in zip(lon.tolist(), lat.tolist(), strict=True)]
+    index_at = {position: i for i, position in enumerate(zip(scans.lon.tolist(), scans.lat.tolist(), strict=True))}
+    rows = [index_at.get(position, -1) for position in zip(lon.tolist(), lat.tolist(), strict=True)]
     if -1 in rows:
         raise ParameterError(
             f"{rows.count(-1)} of {len(rows)} positions are of no source of the scans (first: {rows.index(-1)})"

@@ -53,14 +53,14 @@ def observations(
         for block in scans.blocks():
             component[block] = noise_rng.standard_normal(block.stop - block.start) * source_sigma[scans.source[block]]
     if variability is not None and variability.sigma > 0:
-        order = np.argsort(scans.source, kind="stable")  # of a source, in the order of time
+        time_order = np.argsort(scans.source, kind="stable")  # of a source, in the order of time
         if variable is not None:
-            order = order[np.asarray(variable, bool)[scans.source[order]]]
-        owner, times = scans.source[order], scans.time()[order]
-        east, north = (markov_chain(times, variability.sigma, variability.tau, chain_rng, owner) for _ in range(2))
-        sin, cos = (column[order].astype(float) for column in (scans.sin, scans.cos))
-        along[order] += sin * east + cos * north
-        across[order] += sin * north - cos * east
+            time_order = time_order[np.asarray(variable, bool)[scans.source[time_order]]]
+        source, times = scans.source[time_order], scans.time()[time_order]
+        east, north = (markov_chain(times, variability.sigma, variability.tau, chain_rng, source) for _ in range(2))
+        sin, cos = (column[time_order].astype(float) for column in (scans.sin, scans.cos))
+        along[time_order] += sin * east + cos * north
+        across[time_order] += sin * north - cos * east
     return along, across
 
 
@@ -284,18 +284,18 @@ def mixture(
         If one is in another frame.
     """
     column_sets = []
-    for index, population in enumerate((quasars, galaxies, stars)):
+    for kind, population in enumerate((quasars, galaxies, stars)):
         if population is None:
             continue
         mission.check_frame(population.frame)
         n = len(population)
         if population.magnitude is None:
-            raise ParameterError(f"errors of transits go by magnitude, and the {KINDS[index]} have none")
-        sigma = mission.transit_error(population.magnitude, excess_noise if KINDS[index] == "galaxies" else 0.0)
-        if KINDS[index] == "stars" and star_error is not None:
+            raise ParameterError(f"errors of transits go by magnitude, and the {KINDS[kind]} have none")
+        sigma = mission.transit_error(population.magnitude, excess_noise if KINDS[kind] == "galaxies" else 0.0)
+        if KINDS[kind] == "stars" and star_error is not None:
             sigma = np.full(n, arguments.positive("star_error", star_error))
         redshift = np.full(n, np.nan) if population.redshift is None else population.redshift
-        column_sets.append((population.lon, population.lat, sigma, population.magnitude, redshift, np.full(n, index)))
-    mixed = Mixture(*(np.concatenate(column) for column in zip(*column_sets, strict=True)))
-    arguments.float_array("sigma", mixed.sigma)
-    return mixed
+        column_sets.append((population.lon, population.lat, sigma, population.magnitude, redshift, np.full(n, kind)))
+    mixed_sources = Mixture(*(np.concatenate(column) for column in zip(*column_sets, strict=True)))
+    arguments.float_array("sigma", mixed_sources.sigma)
+    return mixed_sources

@@ -119,9 +119,9 @@ class Response(InNotebook):
             self._design = hstack([self._design, self._make_angle_columns(self._time)], format="csr")
             # Steps have the weights of stars, of no scale: that of `information` is what the prior is measured by.
             starts, ends = np.clip(np.array(law.lost, float).reshape(-1, 2).T, 0.0, law.years)
-            before = np.concatenate([[0.0], np.maximum.accumulate(ends)])[:-1]  # gaps may overlap
-            years = law.years - float(np.sum(np.maximum(ends - np.maximum(starts, before), 0.0)))
-            self._scale = self.information * years / float(np.sum(w_preceding + w_following))
+            previous_ends = np.concatenate([[0.0], np.maximum.accumulate(ends)])[:-1]  # gaps may overlap
+            observed_years = law.years - float(np.sum(np.maximum(ends - np.maximum(starts, previous_ends), 0.0)))
+            self._scale = self.information * observed_years / float(np.sum(w_preceding + w_following))
         self._factor: Any = None
         self._taken: dict[Any, FloatArray] = {}
 
@@ -140,7 +140,7 @@ class Response(InNotebook):
 
     def save(self, path: PathName, overwrite: bool = False) -> None:
         """Write what was factored to `path`, NPZ of 8 (60 nside²)² bytes, for `read`; `overwrite` replaces it."""
-        arrays = {"factor": self._factorise()[0], "weights": self.weights, "law": self._sample_law()}
+        arrays = {"factor": self._factorise_normal()[0], "weights": self.weights, "law": self._sample_law()}
         calibration = self.calibration
         numbers = () if calibration is None else (calibration.order, calibration.days, calibration.known)
         write_arrays(path, arrays | {"calibration": np.array([*numbers, self.information], float)}, overwrite=overwrite)
@@ -180,9 +180,9 @@ class Response(InNotebook):
 
     def _sample_law(self):
         """Times and directions at some steps: what tells one law, epoch and number of steps from another."""
-        sample = np.linspace(0, len(self._time) - 1, 50).astype(int)
-        views = [component for view in self._view_axes for component in (*view[0][:, sample], *view[1][:, sample])]
-        return np.stack([sample.astype(float), self._time[sample], *views])
+        steps = np.linspace(0, len(self._time) - 1, 50).astype(int)
+        views = [component for view in self._view_axes for component in (*view[0][:, steps], *view[1][:, steps])]
+        return np.stack([steps.astype(float), self._time[steps], *views])
 
     def left(
         self,
@@ -216,8 +216,8 @@ class Response(InNotebook):
         p, q, r = triad(lon, lat)
         m = p * scan[0] + q * scan[1]
         view = find_nearest_views(self.law, r, time + (self.epoch - self.law.start)) if view is None else view
-        turn = -view * self.law.basic_angle
-        r2, m2 = r * np.cos(turn) + m * np.sin(turn), m * np.cos(turn) - r * np.sin(turn)
+        view_angle = -view * self.law.basic_angle
+        r2, m2 = r * np.cos(view_angle) + m * np.sin(view_angle), m * np.cos(view_angle) - r * np.sin(view_angle)
         own_pixel, other_pixel = self._find_pixels(r), self._find_pixels(r2)
         own_weight, other_weight = self.weights[own_pixel], self.weights[other_pixel]
         share = (other_weight / np.maximum(own_weight + other_weight, 1e-300))[:, None]
@@ -240,21 +240,21 @@ class Response(InNotebook):
             rhs: Any = 0.0
             stride = max(1, len(self._time) // _BLOCK_STEPS)
             for start in range(stride):
-                subset = slice(start, None, stride)
-                fields = [_project_modes(r[:, subset], m[:, subset], modes) for r, m in self._view_axes]
-                difference = _multiply_each(functions(self._time[subset]), fields[0] - fields[1])
-                rhs = rhs + self._design[subset].T @ (self._difference_weights[subset, None] * difference)
-            self._taken = {key: cho_solve(self._factorise(), rhs, check_finite=False)}
+                every_nth = slice(start, None, stride)
+                fields = [_project_modes(r[:, every_nth], m[:, every_nth], modes) for r, m in self._view_axes]
+                difference = _multiply_each(functions(self._time[every_nth]), fields[0] - fields[1])
+                rhs = rhs + self._design[every_nth].T @ (self._difference_weights[every_nth, None] * difference)
+            self._taken = {key: cho_solve(self._factorise_normal(), rhs, check_finite=False)}
         return self._taken[key]
 
-    def _factorise(self):
+    def _factorise_normal(self):
         if self._factor is None:
             normal = (self._design.T @ self._design.multiply(self._difference_weights[:, None]).tocsr()).toarray()
-            scale = np.diag(normal).copy()
-            normal[np.diag_indices_from(normal)] += 1e-7 * scale + 1e-9 * scale.max()  # six rotations are free
+            diagonal = np.diag(normal).copy()
+            normal[np.diag_indices_from(normal)] += 1e-7 * diagonal + 1e-9 * diagonal.max()  # six rotations are free
             if self.calibration is not None:
-                angle = np.arange(5 * len(self.weights), len(normal))
-                normal[angle, angle] += 1 / (self._scale * self.calibration.known**2)
+                angle_indices = np.arange(5 * len(self.weights), len(normal))
+                normal[angle_indices, angle_indices] += 1 / (self._scale * self.calibration.known**2)
             self._factor = cho_factor(normal, overwrite_a=True, check_finite=False)
         return self._factor
 

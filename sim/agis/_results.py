@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim.astrometry import COMPONENTS, extract_errors
+from sim.astrometry import COMPONENTS, split_covariance
 from sim.signal import Signal, as_signal
 from vsh import Field
 from vsh.coefficients import Coefficients
@@ -129,7 +129,7 @@ class AgisSolution(Frozen):
         motion = self.sources[indices][:, columns].T
         if truth is not None:
             motion = motion + as_signal(truth)(lon, lat, None)
-        return Field(lon, lat, motion, *extract_errors(covariance), magnitude=g, frame=self.frame, notes=tuple(notes))
+        return Field(lon, lat, motion, *split_covariance(covariance), magnitude=g, frame=self.frame, notes=tuple(notes))
 
     def rotated(self, orientation: ArrayLike, spin: ArrayLike, note: str = "") -> AgisSolution:
         """Turn positions and motions of the sources back by ε₀ + ω t; attitude and history stay as they were solved.

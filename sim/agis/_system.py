@@ -30,7 +30,7 @@ from sim.variability import Variability, chain_products
 from vsh.modes import Modes, as_modes
 from vsh.tools import arguments
 from vsh.tools.errors import CheckpointError, ConvergenceError, DegeneracyError, ParameterError, VshWarning
-from vsh.tools.files import digest_of, read_arrays, write_arrays
+from vsh.tools.files import digest_values, read_arrays, write_arrays
 from vsh.tools.notebook import InNotebook
 from vsh.tools.parallel import limit_blas, progress_bar
 from vsh.tools.types import ArrayLike, FloatArray, PathName
@@ -62,16 +62,16 @@ class Equations(InNotebook):
                 VshWarning,
                 stacklevel=2,
             )
-        basic_angle = Calibration.parse(calibration)
+        angle_calibration = Calibration.parse(calibration)
         self.scans, self.prior, self.smoothing, self.motion = scans, prior, float(smoothing), motion
         self.coefficients = scans.intervals + 3
-        self._check_across_scan()
+        self._check_across_scan_data()
         check_memory(
             system_memory(scans.n_sources, self.coefficients, scans.folder is not None),
             "the normal equations",
             "take fewer sources, or knots farther apart, or give scans a folder",
         )
-        self.passes, blocks, band, self.solved = self._assemble_normals(threads, compiled)
+        self.passes, blocks, band, self.solved = self._assemble_normal_equations(threads, compiled)
         self._check_redundancy()
         blocks[~self.solved] = np.eye(5)
         self.formal = np.linalg.inv(blocks)
@@ -89,8 +89,8 @@ class Equations(InNotebook):
         add_smoothing(band, 1 / smoothing**2)
         if prior is not None:
             band[0] += 1 / prior**2
-        self.factor = self._factorise(band)
-        self.angle = None if basic_angle is None else AngleBlock(self, basic_angle)
+        self.factor = self._factorise_attitude(band)
+        self.angle = None if angle_calibration is None else AngleBlock(self, angle_calibration)
 
     def apply(self, x: FloatArray) -> FloatArray:
         """(S − C A⁻¹ Cᵀ) x, with what holds global motions; the basic angle eliminated like the attitude."""
@@ -99,24 +99,24 @@ class Equations(InNotebook):
         attitude = self.attitude_of(self.passes.to_attitude(x))
         product = self._constrained_blocks @ x - self.passes.to_sources(attitude)
         if self.angle is not None:
-            product -= self.angle.compute_absorbed(x, attitude)
+            product -= self.angle.compute_absorbed_part(x, attitude)
         if self.motion is not None:
             product[:, 3:] -= self.motion.pull(x)
         return product
 
-    def attitude_of(self, right: FloatArray) -> FloatArray:
+    def attitude_of(self, rhs: FloatArray) -> FloatArray:
         """A⁻¹ of a right-hand side (coefficients, 3[, K])."""
         # A copy, which is overwritten: for one right-hand side the order of its axes is the same.
-        flat = np.array(right.reshape(3 * self.coefficients, -1), order="F")
-        return cho_solve_banded((self.factor, True), flat, overwrite_b=True, check_finite=False).reshape(right.shape)
+        flat_rhs = np.array(rhs.reshape(3 * self.coefficients, -1), order="F")
+        return cho_solve_banded((self.factor, True), flat_rhs, overwrite_b=True, check_finite=False).reshape(rhs.shape)
 
-    def reduce(self, of_sources: FloatArray, of_attitude: FloatArray, along: FloatArray | None = None) -> FloatArray:
+    def reduce(self, source_rhs: FloatArray, attitude_rhs: FloatArray, along: FloatArray | None = None) -> FloatArray:
         """g_s − C A⁻¹ g_a, (n, 5), less what the basic angle takes, if it is solved for, of `along` behind both."""
-        attitude = self.attitude_of(of_attitude)
-        rhs = of_sources - self.passes.to_sources(attitude[..., None])[..., 0]
+        attitude = self.attitude_of(attitude_rhs)
+        rhs = source_rhs - self.passes.to_sources(attitude[..., None])[..., 0]
         if self.angle is not None:
             assert along is not None
-            rhs -= self.angle.compute_effects(self.angle_of(along, np.zeros_like(of_sources), attitude))[1]
+            rhs -= self.angle.compute_effects(self.angle_of(along, np.zeros_like(source_rhs), attitude))[1]
         return rhs
 
     def angle_of(self, along: FloatArray, sources: FloatArray, attitude: FloatArray) -> FloatArray:
@@ -149,27 +149,27 @@ class Equations(InNotebook):
         if not self.defect:
             return x, np.zeros((0, x.shape[-1]))
         rotation, remainder = self._fit_rotation(x, weighted=True), np.empty_like(x)
-        for chunk, basis, _ in self._iterate_rotations():
+        for chunk, basis, _ in self._iterate_rotation_bases():
             remainder[chunk] = x[chunk] - np.einsum("kr,kni->nir", rotation, basis)
         return remainder, rotation
 
     def _fit_rotation(self, x, *, weighted):
         """The rotation in parameters, which the blocks S weight; or in functionals of them, unweighted."""
         normal, products = np.zeros((self.defect, self.defect)), np.zeros((self.defect, x.shape[-1]))
-        for chunk, basis, weighted_basis in self._iterate_rotations():
+        for chunk, basis, weighted_basis in self._iterate_rotation_bases():
             normal += np.einsum("kni,lni->kl", weighted_basis, basis)
             products += np.einsum("kni,nir->kr", weighted_basis if weighted else basis, x[chunk])
         return np.asarray(np.linalg.solve(normal, products), float)
 
-    def _iterate_rotations(self):
+    def _iterate_rotation_bases(self):
         """Some sources at a time: which, the null space of those that are solved, and that times the blocks S."""
-        directions = self.scans.sines_and_cosines
+        sines_and_cosines = self.scans.sines_and_cosines
         for chunk in make_source_slices(len(self.blocks)):
-            basis = _make_rotation_basis(directions[:, chunk])[: self.defect]
+            basis = _make_rotation_basis(sines_and_cosines[:, chunk])[: self.defect]
             basis[:, ~self.solved[chunk]] = 0
             yield chunk, basis, np.einsum("nij,knj->kni", self.blocks[chunk], basis)
 
-    def _check_across_scan(self):
+    def _check_across_scan_data(self):
         scans = self.scans
         if self.prior is None and not (scans.weights[1] > 0).any():
             raise DegeneracyError(
@@ -181,16 +181,16 @@ class Equations(InNotebook):
     def _check_redundancy(self):
         """Raise DegeneracyError if the solved sources have fewer observations than there are unknowns."""
         scans, n = self.scans, int(self.solved.sum())
-        observed = np.sum((scans.counts * (1 + (scans.weights[1] > 0)))[self.solved])
-        surplus, n_unknowns = observed - 5 * n, 3 * self.coefficients
+        n_observed = np.sum((scans.counts * (1 + (scans.weights[1] > 0)))[self.solved])
+        surplus, n_unknowns = n_observed - 5 * n, 3 * self.coefficients
         if self.prior is None and surplus < n_unknowns:
             longer_knots = f"knots of {3 * scans.years * JULIAN_YEAR / surplus:.0f} s or more, " if surplus > 0 else ""
             raise DegeneracyError(
-                f"too few sources for the knots: {observed:.0f} observations of {n} sources for {5 * n + n_unknowns} "
+                f"too few sources for the knots: {n_observed:.0f} observations of {n} sources for {5 * n + n_unknowns} "
                 f"unknowns ({scans.intervals} intervals). Take {longer_knots}more sources, sim.agis.scaled, or a prior"
             )
 
-    def _assemble_normals(self, threads, compiled):
+    def _assemble_normal_equations(self, threads, compiled):
         """Passes, blocks and band of the sources that have transits enough."""
         scans = self.scans
         is_solved = scans.counts > 5
@@ -208,12 +208,12 @@ class Equations(InNotebook):
             )
         return passes, blocks, band, is_solved
 
-    def _factorise(self, band):
+    def _factorise_attitude(self, band):
         try:
             return cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
         except LinAlgError as error:
-            digits = re.search(r"\d+", str(error))
-            coefficient = (int(digits[0]) - 1) // 3 if digits else 0
+            match = re.search(r"\d+", str(error))
+            coefficient = (int(match[0]) - 1) // 3 if match else 0
             day = coefficient * self.scans.spacing * 365.25
             raise DegeneracyError(
                 f"the attitude is not determined at its coefficient {coefficient} of {self.coefficients} (day "
@@ -221,10 +221,10 @@ class Equations(InNotebook):
             ) from None
 
 
-def _make_rotation_basis(directions):
+def _make_rotation_basis(sines_and_cosines):
     """Rotations ε₀ and ω about x, y and z as parameters of the sources in some directions, (6, n, 5)."""
     # The directions are those that the observations have, in single precision.
-    sa, ca, sd, cd = directions.astype(float)
+    sa, ca, sd, cd = sines_and_cosines.astype(float)
     p, q = np.stack([-sa, ca, np.zeros_like(sa)]), np.stack([-sd * ca, -sd * sa, cd])
     basis = np.zeros((6, len(sa), 5))
     # ε × r has the components ε·q east and −ε·p north.
@@ -259,8 +259,8 @@ class ExactErrors(Equations):
         iterations: int = 2000,
     ) -> FloatArray:
         """Covariance that the same fit really has, with all that sources share through the attitude; exact."""
-        fit = MotionFit(self, as_modes(modes), find_sources_at(self.scans, lon, lat))
-        g = fit.functionals(np.arange(len(fit.modes)))
+        motion_fit = MotionFit(self, as_modes(modes), find_sources_at(self.scans, lon, lat))
+        g = motion_fit.functionals(np.arange(len(motion_fit.modes)))
         return self._compute_covariance(g, tolerance, iterations, variability)
 
     def covariance_of(
@@ -294,7 +294,7 @@ class ExactErrors(Equations):
             for start in range(0, rhs.shape[-1], BLOCK_FUNCTIONALS):
                 columns = slice(start, start + BLOCK_FUNCTIONALS)
                 rhs_chunk = np.ascontiguousarray(rhs[..., columns])
-                solutions[..., columns] = _solve_system(self, rhs_chunk, tolerance, iterations)
+                solutions[..., columns] = _solve_until_variances_rest(self, rhs_chunk, tolerance, iterations)
         k = rhs.shape[-1]
         covariance = rhs.reshape(-1, k).T @ solutions.reshape(-1, k)
         if variability is not None and variability.sigma > 0:
@@ -303,22 +303,22 @@ class ExactErrors(Equations):
 
     def _remove_null_space(self, functionals):
         """Functionals of parameters from which the null space is taken out, by the blocks as weights."""
-        projected = functionals.copy()
-        projected[~self.solved] = 0
+        projected_functionals = functionals.copy()
+        projected_functionals[~self.solved] = 0
         if self.defect:
-            rotation = self._fit_rotation(projected, weighted=False)
-            for chunk, _, weighted_basis in self._iterate_rotations():
-                projected[chunk] -= np.einsum("kr,kni->nir", rotation, weighted_basis)
-        return projected
+            rotation = self._fit_rotation(projected_functionals, weighted=False)
+            for chunk, _, weighted_basis in self._iterate_rotation_bases():
+                projected_functionals[chunk] -= np.einsum("kr,kni->nir", rotation, weighted_basis)
+        return projected_functionals
 
     def _compute_variability_covariance(self, solutions, variability):
         """Contribution of varying photocentres: Σ over sources of aᵀ C a, a the weight of each observation in a
         functional."""
         scans = self.scans
-        order = np.argsort(scans.source, kind="stable")  # of a source, in the order of time
-        owner, time = scans.source[order], scans.time()[order]
-        weights = scans.weights[:, owner] * self.solved[owner]
-        sin, cos = (column[order].astype(float) for column in (scans.sin, scans.cos))
+        time_order = np.argsort(scans.source, kind="stable")  # of a source, in the order of time
+        source, time = scans.source[time_order], scans.time()[time_order]
+        weights = scans.weights[:, source] * self.solved[source]
+        sin, cos = (column[time_order].astype(float) for column in (scans.sin, scans.cos))
         functional_weights = []
         for x in np.moveaxis(solutions, -1, 0):
             x = np.ascontiguousarray(x)
@@ -328,25 +328,25 @@ class ExactErrors(Equations):
                 shifts, _, attitude_change = self.angle.compute_effects(self.angle.fit_coefficients(predictions[0]))
                 attitude_shifts = self.passes.predict(np.zeros_like(x), attitude_change)
                 predictions = predictions[0] - shifts + attitude_shifts[0], predictions[1] + attitude_shifts[1]
-            along, across = (w * prediction[order] for w, prediction in zip(weights, predictions, strict=True))
+            along, across = (w * prediction[time_order] for w, prediction in zip(weights, predictions, strict=True))
             functional_weights += [np.stack([along * sin - across * cos, along * cos + across * sin])]
-        products = chain_products(np.array(functional_weights), owner, time, variability.tau)
+        products = chain_products(np.array(functional_weights), source, time, variability.tau)
         return variability.sigma**2 * products
 
 
-def _solve_system(equations, rhs, tolerance, iterations):
+def _solve_until_variances_rest(equations, rhs, tolerance, iterations):
     iteration = Iteration(equations, rhs)
-    total, gains = np.zeros(rhs.shape[-1]), []
+    total_gain, gains = np.zeros(rhs.shape[-1]), []
     for _ in range(iterations):
         iteration.step()
         gains.append(iteration.gain)
-        total += iteration.gain
-        growth = np.sum(gains[-_REST:], axis=0) / np.where(total > 0, total, 1.0)
+        total_gain += iteration.gain
+        growth = np.sum(gains[-_REST:], axis=0) / np.where(total_gain > 0, total_gain, 1.0)
         if (len(gains) >= _REST and growth.max() < tolerance) or iteration.residual < 1e-12:
             return iteration.x
     raise ConvergenceError(
         f"variances still grew by {100 * growth.max():.2g} % in the last {_REST} of {iterations} iterations; standard "
-        f"errors are at least {', '.join(f'{x:.4g}' for x in np.sqrt(total))}. Allow more iterations, or a larger "
+        f"errors are at least {', '.join(f'{x:.4g}' for x in np.sqrt(total_gain))}. Allow more iterations, or a larger "
         "tolerance"
     )
 
@@ -417,7 +417,7 @@ class System(ExactErrors):
             [µas]
         """
         along, across = self.passes.predict(*self._check_unknowns(sources, attitude))
-        return along if angle is None or self.angle is None else along + self.angle.compute_shifts(angle), across
+        return along if angle is None or self.angle is None else along + self.angle.compute_along_shifts(angle), across
 
     def adjoint(self, along: ArrayLike, across: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """The weighted transpose of `predict`: right-hand sides of observations `along` and `across`, (k,). [µas]"""
@@ -483,7 +483,7 @@ class System(ExactErrors):
         CheckpointError
             If the checkpoint belongs to a different problem.
         """
-        observed, passes, n = self._check_observations(along, across), self.passes, self.scans.n_sources
+        measured, passes, n = self._check_observations(along, across), self.passes, self.scans.n_sources
         start = np.zeros((n, 5)) if start is None else start
         attitude = np.zeros((self.coefficients, 3)) if attitude is None else attitude
         x, first_attitude = self._check_unknowns(start, attitude)
@@ -495,23 +495,23 @@ class System(ExactErrors):
         arguments.choice("first", first, ("sources", "attitude"))
         iterations = arguments.whole("iterations", iterations)
         stop = None if stop is None else arguments.positive("stop", stop)
-        fit = fit_low_degrees(self, arguments.indices("sources", sources, n))
+        low_fit = fit_low_degrees(self, arguments.indices("sources", sources, n))
         if first == "sources":
-            source_rhs, _ = passes.adjoint(*observed, x, first_attitude)
+            source_rhs, _ = passes.adjoint(*measured, x, first_attitude)
             x = x + self.precondition((source_rhs - _compute_constraint_terms(self, x))[..., None])[..., 0]
-        source_rhs, attitude_rhs = passes.adjoint(*observed, x, np.zeros_like(first_attitude))
+        source_rhs, attitude_rhs = passes.adjoint(*measured, x, np.zeros_like(first_attitude))
         attitude_rhs += prior_rhs
-        remainder = None if self.angle is None else observed[0] - passes.predict(x, np.zeros_like(first_attitude))[0]
+        remainder = None if self.angle is None else measured[0] - passes.predict(x, np.zeros_like(first_attitude))[0]
         rhs = self.reduce(source_rhs, attitude_rhs, remainder) - _compute_constraint_terms(self, x)
         rhs[~self.solved] = 0
         iteration = Iteration(self, rhs[..., None])
 
-        sigma = np.sqrt(np.diag(fit.formal))
-        history, updates = [fit.compute_coefficients(x[..., None])[:, 0]], []
+        sigma = np.sqrt(np.diag(low_fit.formal))
+        history, updates = [low_fit.compute_coefficients(x[..., None])[:, 0]], []
         key = None
         if checkpoint is not None:
-            key = digest_of((rhs, attitude_rhs, x, self.prior, self.smoothing, fit.sources, len(fit.modes)))
-            state = read_checkpoint(checkpoint, key)
+            key = digest_values((rhs, attitude_rhs, x, self.prior, self.smoothing, low_fit.sources, len(low_fit.modes)))
+            state = read_checkpoint_state(checkpoint, key)
             if state is not None:
                 history, updates = list(state.pop("history")), list(state.pop("updates"))
                 iteration.restore(state)
@@ -528,15 +528,15 @@ class System(ExactErrors):
             while True:
                 if watch is not None:
                     watch(len(history), x + iteration.x[..., 0])
-                is_settled = stop is not None and len(history) > REST and _find_max_update(history, sigma) < stop
+                is_settled = stop is not None and len(history) > REST and _find_max_change(history, sigma) < stop
                 if is_settled or len(history) >= iterations or iteration.residual < _SOLVED_RESIDUAL:
                     break
                 iteration.step()
-                history.append(fit.compute_coefficients(x[..., None] + iteration.x)[:, 0])
+                history.append(low_fit.compute_coefficients(x[..., None] + iteration.x)[:, 0])
                 updates.append(float(np.sqrt(np.mean(iteration.z[self.solved, 2] ** 2))))
                 bar.update()
                 bar.set_postfix_str(
-                    f"low degrees moved by {_find_max_update(history, sigma):.2g} σ in {min(REST, len(history) - 1)}",
+                    f"low degrees moved by {_find_max_change(history, sigma):.2g} σ in {min(REST, len(history) - 1)}",
                     refresh=False,
                 )
                 if len(history) % _CHECKPOINT_EVERY == 0:
@@ -546,7 +546,7 @@ class System(ExactErrors):
         final_attitude = self.attitude_of(attitude_rhs - passes.to_attitude(iteration.x)[..., 0])
         angle = None
         if self.angle is not None:
-            angle = self.angle_of(observed[0], parameters, final_attitude)
+            angle = self.angle_of(measured[0], parameters, final_attitude)
             final_attitude -= self.angle.compute_effects(angle)[2]
         scans = self.scans
         solution = AgisSolution(
@@ -556,8 +556,8 @@ class System(ExactErrors):
             bool(is_settled or iteration.residual < _SOLVED_RESIDUAL),
             np.array(history),
             np.array(updates),
-            fit.modes,
-            fit.formal,
+            low_fit.modes,
+            low_fit.formal,
             self.formal,
             self.solved,
             scans.lon,
@@ -604,25 +604,25 @@ class Iteration:
     @property
     def residual(self) -> float:
         """The largest preconditioned residual left of all right-hand sides, of the first."""
-        start = np.where(self.first > 0, self.first, 1.0)
-        return float(np.sqrt(np.max(np.abs(self.rz) / start)))
+        first_rz = np.where(self.first > 0, self.first, 1.0)
+        return float(np.sqrt(np.max(np.abs(self.rz) / first_rz)))
 
     def step(self) -> None:
         """Pass once through sources and attitude."""
-        moving = self.rz > 0
+        is_moving = self.rz > 0
         q = self.equations.apply(self.p)
         curvature = _sum_products(self.p, q)
         # A right-hand side that is solved to the last bit has no direction left.
-        moving &= curvature > 0
-        step = np.where(moving, self.rz / np.where(moving, curvature, 1.0), 0.0)
-        self.x += step * self.p
-        self.r -= step * q
-        self.gain = step * self.rz
+        is_moving &= curvature > 0
+        step_length = np.where(is_moving, self.rz / np.where(is_moving, curvature, 1.0), 0.0)
+        self.x += step_length * self.p
+        self.r -= step_length * q
+        self.gain = step_length * self.rz
         self.z = self.equations.precondition(self.r)
         rz = _sum_products(self.r, self.z)
-        turn = np.where(moving, rz / np.where(moving, self.rz, 1.0), 0.0)
-        self.p = self.z + turn * self.p
-        self.rz = np.where(moving, rz, 0.0)
+        conjugation = np.where(is_moving, rz / np.where(is_moving, self.rz, 1.0), 0.0)
+        self.p = self.z + conjugation * self.p
+        self.rz = np.where(is_moving, rz, 0.0)
 
     def state(self) -> dict[str, FloatArray]:
         """All that the next steps depend on."""
@@ -639,7 +639,7 @@ def _sum_products(a, b):
     return (a * b).reshape(-1, a.shape[-1]).sum(axis=0)
 
 
-def read_checkpoint(path: PathName, key: str) -> dict[str, Any] | None:
+def read_checkpoint_state(path: PathName, key: str) -> dict[str, Any] | None:
     """Read the state that a checkpoint holds, or None where there is no file."""
     if not Path(path).exists():
         return None
@@ -668,6 +668,6 @@ def _compute_constraint_terms(equations, x):
     return constraints
 
 
-def _find_max_update(history, sigma):
+def _find_max_change(history, sigma):
     """Largest motion of a low degree in formal errors in the last iterations, at most."""
     return float(np.max(np.ptp(history[-REST - 1 :], axis=0) / sigma))

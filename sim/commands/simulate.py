@@ -19,10 +19,10 @@ ACCELERATION = "-0.235965,-3.755779,-2.080491"
 #: Lengths of mission at which errors of transits give those of a release.
 YEARS = {"DR3": 2.8, "DR4": 5.0, "DR5": 10.0, "paper": 5.0}
 #: Length of the epochs. [yr]
-EPOCHS = 5.5
+EPOCH_YEARS = 5.5
 KINDS = ("quasars", "galaxies", "vlbi", "crf3", "crf4", "epochs", "link")
 #: Kinds that take an option, of those that not all take.
-_TAKERS = {
+_KINDS_OF_OPTION = {
     "velocity": ("galaxies",), "flow": ("galaxies",), "orientation": ("vlbi", "link"), "wave": ("epochs",),
     "traps": ("crf3", "crf4"), **dict.fromkeys(("redshifts", "positions", "columns", "units"), ("quasars", "galaxies")),
     **dict.fromkeys(("sky", "errors", "release"), ("quasars", "galaxies", "vlbi", "epochs")),
@@ -46,8 +46,8 @@ def make_parser() -> argparse.ArgumentParser:
             "vsh-sim epochs --number 300 --wave 2,300,0,60,-20 --output epochs.fits",
         ),
     )
-    add = parsing.adder(parser)
-    add(
+    add_option = parsing.adder(parser)
+    add_option(
         "kind",
         "what is simulated | vlbi: offsets from radio positions, as motions; "
         "crf3: a whole Gaia-CRF3 in the archive's columns; crf4: the same with the columns, epoch, errors and models "
@@ -55,7 +55,7 @@ def make_parser() -> argparse.ArgumentParser:
         "and VLBI, for vsh-link",
         KINDS,
     )
-    add(
+    add_option(
         "--number N",
         "number of sources (default: 10000; link: 40; crf3, crf4: 1215942) | of crf3 and crf4 those with five "
         "parameters, to which about a third more with six parameters are added",
@@ -65,68 +65,68 @@ def make_parser() -> argparse.ArgumentParser:
         "--output FILE", "table to write: FITS, ECSV, CSV, VOTable or Parquet", required=True
     )
     parsing.add_overwrite(parser)
-    add(
+    add_option(
         "--positions FILE",
         "quasars, galaxies: table to use instead of drawn ones | of positions, redshifts and magnitudes, which are "
         "drawn where it has none",
     )
     reading.add_columns(parser, "the table of --positions")
-    add(
+    add_option(
         "--sky NAME|MAP",
         f"distribution of the sources: {', '.join(parsing.SKIES)} or a map | uniform unless given; a "
         "HEALPix map (FITS), galactic:FILE where its header does not state its axes",
     )
-    add("--spin X,Y,Z", "true spin, ICRS, µas/yr (default: none)", parsing.vector, (0.0, 0.0, 0.0))
-    add(
+    add_option("--spin X,Y,Z", "true spin, ICRS, µas/yr (default: none)", parsing.vector, (0.0, 0.0, 0.0))
+    add_option(
         "--acceleration X,Y,Z",
         "true acceleration, ICRS, µas/yr (default: 4.3 towards the Galactic centre)",
         parsing.vector,
         parsing.vector(ACCELERATION),
     )
-    add("--orientation X,Y,Z", "vlbi, link: true orientation, ICRS, µas", parsing.vector, (0.0, 0.0, 0.0))
-    add(
+    add_option("--orientation X,Y,Z", "vlbi, link: true orientation, ICRS, µas", parsing.vector, (0.0, 0.0, 0.0))
+    add_option(
         "--velocity planck|SPEED,L,B",
         "galaxies: true velocity of the Solar System | km/s toward Galactic degrees; 0 unless given, so that no "
         "secular parallax is simulated; with --flow linear that of the flow where we are, and the Sun's in the Local "
         "Group",
         parsing.velocity,
     )
-    add(
+    add_option(
         "--flow linear|SIGMA",
         "galaxies: peculiar velocities | those of linear theory, a dispersion in km/s, or both, as linear,250",
-        _check_flow,
+        _check_flow_words,
         action=parsing.JoinValues,
     )
-    add(
+    add_option(
         "--redshifts",
         "of the expansion alone (true), or observed | those have velocities in them",
         ("true", "heliocentric", "cmb"),
         "true",
     )
-    add(
+    add_option(
         "--errors",
         "errors from every transit, expected by place, or with a solved attitude | expected: by place and magnitude; "
         "solved: together with the sources",
         ("transits", "expected", "solved"),
         "transits",
     )
-    add("--release", "release whose errors are simulated", ("DR3", "DR4", "DR5", "paper"), "DR4")
-    add(
+    add_option("--release", "release whose errors are simulated", ("DR3", "DR4", "DR5", "paper"), "DR4")
+    add_option(
         "--traps",
         "crf3, crf4: with systematic errors | and stars among the quasars, and faint errors that are too small",
     )
-    add(
+    add_option(
         "--wave F,PLUS,CROSS,L,B",
         "epochs: a gravitational wave of frequency F per year | strains in µas, toward ICRS degrees L, B",
         parsing.numbers,
     )
-    add("--seed", "seed", int, 1)
+    add_option("--seed", "seed", int, 1)
     return parsing.add_common(parser, "list of what was written")
 
 
 def _list_foreign(kind):
     """The options that a kind does not take."""
-    return [name for name, kinds in _TAKERS.items() if kind not in kinds]
+    return [name for name, kinds in _KINDS_OF_OPTION.items() if kind not in kinds]
 
 
 def narrow(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
@@ -137,12 +137,12 @@ def narrow(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
             action.help = argparse.SUPPRESS
 
 
-def _check_flow(text):
+def _check_flow_words(words):
     """Return the words on flows, "linear" and a dispersion between commas, if they can be read."""
-    for word in text.split(","):
+    for word in words.split(","):
         if word != "linear":
             parsing.not_negative(word)
-    return text
+    return words
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
@@ -151,30 +151,30 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--positions takes the sources of a table: --number and --sky draw others")
     if options.sigma or ((options.columns or options.units) and not options.positions):
         parser.error("--columns and --units are of the table of --positions, whose errors are simulated")
-    foreign = [name for name in _list_foreign(options.kind) if getattr(options, name) != parser.get_default(name)]
-    if foreign:
-        takers = " and ".join(_TAKERS[foreign[0]])
-        parser.error(f"--{foreign[0]} does not go with {options.kind}: --{foreign[0]} is for {takers}")
+    foreign_names = [name for name in _list_foreign(options.kind) if getattr(options, name) != parser.get_default(name)]
+    if foreign_names:
+        takers = " and ".join(_KINDS_OF_OPTION[foreign_names[0]])
+        parser.error(f"--{foreign_names[0]} does not go with {options.kind}: --{foreign_names[0]} is for {takers}")
     if options.wave is not None and (len(options.wave) != 5 or options.wave[0] <= 0):
         parser.error("--wave is a frequency above zero, plus, cross, and a direction, as 2,100,0,30,-20")
     if options.errors == "expected" and options.kind in ("vlbi", "epochs"):
         parser.error(f"--errors expected leaves out the transits, of which {options.kind} consist")
     if options.number is None and options.kind not in ("crf3", "crf4"):
         options.number = {"epochs": 500, "link": 40}.get(options.kind, 10_000)
-    words = (options.flow or "").split(",")
-    options.dispersion = next((float(word) for word in reversed(words) if word not in ("", "linear")), 0.0)
-    options.flow = "linear" if "linear" in words else None
+    flow_words = (options.flow or "").split(",")
+    options.dispersion = next((float(word) for word in reversed(flow_words) if word not in ("", "linear")), 0.0)
+    options.flow = "linear" if "linear" in flow_words else None
 
 
 def _run(options):
     vsh.io.tables.check_writable(options.output)  # what cannot be written is better told before the work than after
     finishing.check_file(options.output, options.overwrite)
     finishing.check_configuration(options.output)
-    writers = {"crf3": _write_crf, "crf4": _write_crf, "epochs": _write_epochs, "link": _write_link}
-    writers.get(options.kind, _write_field)(options)
+    writers = {"crf3": _write_crf_catalogue, "crf4": _write_crf_catalogue, "epochs": _write_epochs, "link": _write_link}
+    writers.get(options.kind, _write_catalogue)(options)
 
 
-def _write_field(options):
+def _write_catalogue(options):
     """Write the motions of quasars or galaxies, or offsets from radio positions."""
     # A stream of its own for each step, so that one option does not shift what another draws.
     sky_rng, vlbi_rng, gap_rng, observation_rng, velocity_rng = np.random.default_rng(options.seed).spawn(5)
@@ -208,7 +208,7 @@ def _write_field(options):
         field = sim.observe(population, signal, observation_rng, sigma=sigma, rho=rho, redshifts=options.redshifts)
     else:
         field = sim.observe(population, signal, observation_rng, mission=mission, redshifts=options.redshifts)
-    meta = _make_metadata(true_vectors, options)
+    meta = _make_truth_metadata(true_vectors, options)
     if options.kind == "galaxies":
         meta |= {f"VEL_{axis}": float(value) for axis, value in zip("XYZ", velocity, strict=True)}
         meta["HUBBLE"] = HUBBLE
@@ -222,15 +222,15 @@ def _write_field(options):
     _finish(options, notes, meta, f"{len(field)} sources")
 
 
-def _write_crf(options):
+def _write_crf_catalogue(options):
     """A catalogue in the archive's own columns."""
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
-    counts = {} if options.number is None else {"n_five": options.number}
-    table = getattr(sim, options.kind)(options.seed, signal, traps=options.traps, **counts)
-    truth = _make_metadata({"SPIN": options.spin, "ACC": options.acceleration}, options)
+    count_options = {} if options.number is None else {"n_five": options.number}
+    table = getattr(sim, options.kind)(options.seed, signal, traps=options.traps, **count_options)
+    truth = _make_truth_metadata({"SPIN": options.spin, "ACC": options.acceleration}, options)
     vsh.io.tables.write_table(table, options.output, truth, overwrite=options.overwrite)
-    params = table["astrometric_params_solved" if options.kind == "crf3" else "astrometric_params"]
-    n_five, n_six = (int(np.sum(params == value)) for value in (31, 95))
+    parameter_codes = table["astrometric_params_solved" if options.kind == "crf3" else "astrometric_params"]
+    n_five, n_six = (int(np.sum(parameter_codes == value)) for value in (31, 95))
     n_other = len(table) - n_five - n_six
     suffix = f", {n_other} with another model" if n_other else ""
     _finish(options, [], dict(table.meta) | truth, f"{n_five} sources with five parameters, {n_six} with six{suffix}")
@@ -246,7 +246,7 @@ def _write_epochs(options):
         frequency, plus, cross, lon, lat = options.wave
         signal += sim.wave_in_time(vsh.Vector.from_spherical(1.0, lon, lat).value, frequency, plus, cross)
         true_values["WAVE"] = options.wave
-    law = sim.NominalScanningLaw(years=EPOCHS, dead_time=sim.scanning.DEAD_TIME, rng=gap_rng)
+    law = sim.NominalScanningLaw(years=EPOCH_YEARS, dead_time=sim.scanning.DEAD_TIME, rng=gap_rng)
     attitude, mission = "solved" if options.errors == "solved" else "perfect", sim.Mission(law, options.release, 10.0)
     table = sim.epochs(population, signal, observation_rng, mission=mission, attitude=attitude, complete=True)
     truth = {f"{name}_{i}": float(value) for name, values in true_values.items() for i, value in enumerate(values)}
@@ -265,7 +265,7 @@ def _write_link(options):
         aberration=vsh.Vector(np.array(options.acceleration), np.zeros((3, 3))),
     )  # fmt: skip
     vectors = {"ORIENT": options.orientation, "SPIN": options.spin, "JUMP": (0.0,) * 3, "ACC": options.acceleration}
-    meta = _make_metadata(vectors, options)
+    meta = _make_truth_metadata(vectors, options)
     write_astrometry(rows, options.output, meta, overwrite=options.overwrite)
     _finish(options, [], meta, f"{len(rows)} rows of {options.number} stars, gaia and vlbi")
 
@@ -273,17 +273,17 @@ def _write_link(options):
 def _finish(options, notes, meta, summary):
     """Write the configuration that repeats the run, and print what was written."""
     finishing.write_configuration(options, {Path(options.output).name: digest(options.output)})
-    numbers = [(name, float(value)) for name, value in meta.items() if isinstance(value, (int, float))]
-    truth_line = ", ".join(f"{name} {value:g}" for name, value in numbers)
+    named_values = [(name, float(value)) for name, value in meta.items() if isinstance(value, (int, float))]
+    truth_line = ", ".join(f"{name} {value:g}" for name, value in named_values)
     message = "\n".join([*notes, f"written to {options.output}: {summary}", f"truth: {truth_line}"])
 
     def make_truth_table():
-        return {"truth": vsh.io.tables.table_of_rows(("name", "value"), numbers)}
+        return {"truth": vsh.io.tables.table_of_rows(("name", "value"), named_values)}
 
     finishing.print_result(options, finishing.message_result(message, make_truth_table, notes))
 
 
-def _make_metadata(vectors, options):
+def _make_truth_metadata(vectors, options):
     """Metadata with the truth of the table."""
     meta = {
         f"{name}_{axis}": float(value)
@@ -299,10 +299,10 @@ def _draw_population(options, rng, vlbi_rng):
         from vsh.sky.pixels import count_missing_pixels
 
         sky, frame = reading.read_named_map(sky)
-        empty = count_missing_pixels(sky)
-        if empty:
+        n_empty = count_missing_pixels(sky)
+        if n_empty:
             finishing.print_line(
-                options, f"note: {empty} of {sky.size} pixels of {options.sky} have no value and hold no sources"
+                options, f"note: {n_empty} of {sky.size} pixels of {options.sky} have no value and hold no sources"
             )
     if options.kind == "galaxies":
         return sim.galaxies(options.number, rng, sky, map_frame=frame)
@@ -339,10 +339,10 @@ def _read_population(options, rng):
     is_missing = np.ones(n, bool) if magnitude is None else ~np.isfinite(magnitude)
     if is_missing.any():
         if options.kind == "galaxies":
-            draws = sim.population.magnitudes_at(np.asarray(sources.redshift, float), rng)
+            drawn_magnitudes = sim.population.magnitudes_at(np.asarray(sources.redshift, float), rng)
         else:
-            draws = np.asarray(sim.quasars(n, rng).magnitude, float)
-        magnitude = draws if magnitude is None else np.where(is_missing, draws, magnitude)
+            drawn_magnitudes = np.asarray(sim.quasars(n, rng).magnitude, float)
+        magnitude = drawn_magnitudes if magnitude is None else np.where(is_missing, drawn_magnitudes, magnitude)
         suffix = " at these redshifts" if options.kind == "galaxies" else ""
         notes.append(f"{is_missing.sum()} of {n} magnitudes drawn as of simulated {options.kind}" + suffix)
     return sim.Population(sources.lon, sources.lat, magnitude, sources.redshift), notes
@@ -350,8 +350,8 @@ def _read_population(options, rng):
 
 def _select_recorded_options(options):
     """All options but those that change nothing."""
-    exclusions = [*running.NOT_TOLD, *(_list_foreign(options.kind) if options.kind in ("crf3", "crf4") else ())]
-    settings = {key: value for key, value in vars(options).items() if key not in exclusions}
+    excluded_names = [*running.NOT_TOLD, *(_list_foreign(options.kind) if options.kind in ("crf3", "crf4") else ())]
+    settings = {key: value for key, value in vars(options).items() if key not in excluded_names}
     if options.velocity is not None:
         velocity = reading.velocity_of(options.velocity)
         assert velocity is not None

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from sim.astrometry import solve_astrometry
-from sim.gaia._link import find_error_inflation, find_wavenumber_offset, learn_redshifts, make_systematics, scan_columns
+from sim.gaia._link import draw_systematics, find_error_inflation, find_wavenumber_offset, learn_redshifts, scan_columns
 from sim.mission import Mission
-from sim.population import CRF3_COUNTS, SIX_PARAMETERS, assign_redshifts, crf3_magnitudes, quasar_redshifts
+from sim.population import CRF3_COUNTS, SIX_PARAMETERS, assign_redshifts, draw_crf3_magnitudes, quasar_redshifts
 from sim.scanning import NominalScanningLaw
 from sim.signal import Signal, acceleration, as_signal
 from sim.skies import draw_positions
@@ -130,12 +130,12 @@ def crf4(
     arguments.choice("table", table, ("gaia_source", "all_source_astrometry"))
     rng = generator(rng)
     catalogue = _simulate_catalogue(rng, signal, n_five, n_six, "DR4", traps)
-    params = np.asarray(catalogue["astrometric_params_solved"]).copy()
+    codes = np.asarray(catalogue["astrometric_params_solved"]).copy()
     if table == "gaia_source":
         draw = rng.spawn(1)[0].random(len(catalogue))
-        params[draw < _OTHER_MODEL_SHARES[0]] = 127  # seven parameters: an acceleration
-        params[(draw >= _OTHER_MODEL_SHARES[0]) & (draw < sum(_OTHER_MODEL_SHARES))] = 511  # nine: its change as well
-    catalogue["astrometric_params_solved"] = params
+        codes[draw < _OTHER_MODEL_SHARES[0]] = 127  # seven parameters: an acceleration
+        codes[(draw >= _OTHER_MODEL_SHARES[0]) & (draw < sum(_OTHER_MODEL_SHARES))] = 511  # nine: its change as well
+    catalogue["astrometric_params_solved"] = codes
     catalogue.rename_column("astrometric_params_solved", "astrometric_params")
     catalogue["tentative_parallax_bias"] = np.full(len(catalogue), ZERO_POINT, np.float32)
     catalogue["tentative_parallax_bias"].unit = "mas"
@@ -159,8 +159,8 @@ def _simulate_catalogue(rng, signal, n_five, n_six, release, traps):
     sky_rng, light_rng, size_rng, noise_rng, property_rng, gap_rng, trap_rng = generator(rng).spawn(7)
     lon, lat = draw_positions(n, sky_rng, "gums")
     has_six = np.arange(n) >= n_five
-    magnitude = crf3_magnitudes(n_five, n - n_five, light_rng)
-    photometry = _draw_photometry_columns(property_rng, has_six, magnitude)
+    magnitude = draw_crf3_magnitudes(n_five, n - n_five, light_rng)
+    properties = _draw_property_columns(property_rng, has_six, magnitude)
     mission = Mission(NominalScanningLaw(years=years, rng=gap_rng), release)
     pixel = pixels_of(lon, lat, _NSIDE)
     transits = mission.scanning_law.transits(*centres(_NSIDE))
@@ -169,16 +169,16 @@ def _simulate_catalogue(rng, signal, n_five, n_six, release, traps):
     unit = np.where(np.isfinite(unit), unit, np.nanmedian(unit, axis=0))
     # A little of its own for each source: transits are lost.
     size = mission.transit_error(magnitude) * np.where(has_six, SIX_PARAMETERS, 1.0) * size_rng.lognormal(0.0, 0.05, n)
-    deviation = np.sqrt(np.einsum("nii->ni", unit))
-    correlation = unit / (deviation[:, :, None] * deviation[:, None])
+    unit_error = np.sqrt(np.einsum("nii->ni", unit))
+    correlation = unit / (unit_error[:, :, None] * unit_error[:, None])
     ratio = np.where(size_rng.random(n) < _OUTLIER_SHARE, _OUTLIER_FACTOR, 1.0)
     if traps:
         ratio *= find_error_inflation(magnitude)
     scatter = np.einsum("nij,nj->in", np.linalg.cholesky(unit)[pixel], noise_rng.standard_normal((n, 3))) * size * ratio
-    sigma = deviation[pixel].T * size
+    sigma = unit_error[pixel].T * size
     motion = (truth(lon, lat) + scatter[1:]) / MAS
     if traps:
-        motion += make_systematics(lon, lat, sigma[1:], magnitude, photometry["nu"], release, trap_rng) / MAS
+        motion += draw_systematics(lon, lat, sigma[1:], magnitude, properties["nu"], release, trap_rng) / MAS
     columns = {
         "source_id": _make_source_ids(lon, lat),
         "ra": np.degrees(lon),
@@ -195,12 +195,12 @@ def _simulate_catalogue(rng, signal, n_five, n_six, release, traps):
         "astrometric_params_solved": np.where(has_six, 95, 31).astype(np.int16),
     }
     transit_columns = {name: values[pixel] for name, values in scan_columns(transits, 12 * _NSIDE**2).items()}
-    del photometry["nu"]
+    del properties["nu"]
     meta = {"REFEPOCH": 2016.0, "RELEASE": "simulated Gaia-CRF3", "PLX_UAS": 1000 * ZERO_POINT}
-    return tables.table_of(columns | transit_columns | photometry, meta, _CRF3_UNITS)
+    return tables.table_of(columns | transit_columns | properties, meta, _CRF3_UNITS)
 
 
-def _draw_photometry_columns(rng: np.random.Generator, has_six: BoolArray, magnitude: FloatArray) -> dict[str, Any]:
+def _draw_property_columns(rng: np.random.Generator, has_six: BoolArray, magnitude: FloatArray) -> dict[str, Any]:
     """Colours, redshifts and quality; `nu` is the wavenumber of all."""
     n = len(has_six)
     wavenumber = rng.normal(1.589, 0.06, n)
@@ -225,7 +225,7 @@ def _make_source_ids(lon, lat):
     """Numbers as Gaia makes them: the HEALPix pixel of level 12, nested, then a running number."""
     pixel = pixels_of(lon, lat, 4096, nested=True)
     order = np.argsort(pixel, kind="stable")
-    starts = np.searchsorted(pixel[order], pixel[order])
+    pixel_starts = np.searchsorted(pixel[order], pixel[order])
     running_number = np.empty(len(pixel), np.int64)
-    running_number[order] = np.arange(len(pixel)) - starts
+    running_number[order] = np.arange(len(pixel)) - pixel_starts
     return pixel.astype(np.int64) * 2**35 + (running_number + 1) * 2**7

@@ -118,8 +118,8 @@ def epochs(
     noise_rng, gap_rng, auxiliary_rng = generator(rng).spawn(3)
     mission = as_mission(NominalScanningLaw(years=5.5, rng=gap_rng) if mission is None else mission, release)
     mission.check_frame(population.frame)
-    share = arguments.not_negative("outliers", outliers)
-    if share > 1:
+    outlier_share = arguments.not_negative("outliers", outliers)
+    if outlier_share > 1:
         raise ParameterError(f"the share of outliers lies between 0 and 1, not at {outliers!r}")
     arguments.choice("attitude", attitude, ("perfect", "solved"))
     truth, law = as_signal(signal), mission.scanning_law
@@ -135,7 +135,7 @@ def epochs(
         position += np.sum(displacement * design[:2], 0)
     shape = (len(source), CCDS)
     sigma = np.repeat(3 * error[source][:, None], CCDS, axis=1)
-    outlier_factor = np.where(noise_rng.random(shape) < share, 10.0, 1.0)
+    outlier_factor = np.where(noise_rng.random(shape) < outlier_share, 10.0, 1.0)
     excess = arguments.float_array("excess_noise", excess_noise, error.shape, broadcast=True)
     if not (excess >= 0).all():
         raise ParameterError(f"{np.sum(~(excess >= 0))} excess noises are below zero")
@@ -145,10 +145,10 @@ def epochs(
             law, population, truth, transits, error, scatter.mean(1), stars, calibration, auxiliary_rng, threads
         )
     centroid = position[:, None] + scatter
-    roemer = _compute_roemer_delay(law, transits.time, population.lon[source], population.lat[source])
+    roemer_delay = _compute_roemer_delays(law, transits.time, population.lon[source], population.lat[source])
     ccd_offsets = (np.arange(CCDS) - (CCDS - 1) / 2) * _CCD_STEP
     sun_time = np.round((EPOCH - 2010.0 + since)[:, None] * _YEAR_NS + ccd_offsets)
-    bary_correction = np.round(roemer)[:, None]
+    bary_correction = np.round(roemer_delay)[:, None]
 
     from vsh.io import tables
 
@@ -167,7 +167,7 @@ def epochs(
         "agis_source_excess_noise": excess[source] / MAS,
     }
     if complete:
-        columns = _complete_columns(columns, transits, np.asarray(population.magnitude, float)[source], auxiliary_rng)
+        columns = _make_all_columns(columns, transits, np.asarray(population.magnitude, float)[source], auxiliary_rng)
     units = {name: unit for name, unit in _EPOCH_UNITS.items() if name in columns}
     return tables.table_of(columns, {"REFEPOCH": EPOCH, "RELEASE": "simulated DR4 epoch astrometry"}, units)
 
@@ -186,22 +186,22 @@ def _compute_absorbed_part(law, population, truth, transits, error, scatter, n_s
 
     position_rng, noise_rng = rng.spawn(2)
     lon, lat = uniform_sky(n_stars, position_rng)
-    n = len(error)
+    n_sources = len(error)
     sigma = np.r_[error, np.full(n_stars, _STAR_ERROR)]
-    scan_data = scans(
+    mission_scans = scans(
         law, np.r_[population.lon, lon], np.r_[population.lat, lat], sigma, 5 * sigma, knots=_KNOT_STEP, threads=threads
     )
-    system, time = System(scan_data, threads=threads, calibration=calibration), scan_data.time()
-    rows = np.flatnonzero(scan_data.source < n)
-    rows = rows[np.lexsort([time[rows], scan_data.source[rows]])]  # in the order of the transits
-    if not np.array_equal(scan_data.source[rows], transits.source):
+    system, time = System(mission_scans, threads=threads, calibration=calibration), mission_scans.time()
+    rows = np.flatnonzero(mission_scans.source < n_sources)
+    rows = rows[np.lexsort([time[rows], mission_scans.source[rows]])]  # in the order of the transits
+    if not np.array_equal(mission_scans.source[rows], transits.source):
         raise ParameterError("transits at the edges of the mission differ: take another mission")
-    along, across = observations(scan_data, noise_rng)
+    along, across = observations(mission_scans, noise_rng)
     along[rows] = scatter
     if truth.changes:
-        sin, cos = scan_data.sin.astype(float), scan_data.cos.astype(float)
+        sin, cos = mission_scans.sin.astype(float), mission_scans.cos.astype(float)
         east, north = truth.displacement(
-            scan_data.lon[scan_data.source], scan_data.lat[scan_data.source], law.start + time - EPOCH
+            mission_scans.lon[mission_scans.source], mission_scans.lat[mission_scans.source], law.start + time - EPOCH
         )
         along += east * sin + north * cos
         across += north * sin - east * cos
@@ -210,7 +210,7 @@ def _compute_absorbed_part(law, population, truth, transits, error, scatter, n_s
     return prediction[rows]
 
 
-def _complete_columns(columns: dict[str, Any], transits: Transits, magnitude: FloatArray, rng: np.random.Generator):
+def _make_all_columns(columns: dict[str, Any], transits: Transits, magnitude: FloatArray, rng: np.random.Generator):
     """All columns of the pre-release: ten CCDs, of which the first is the sky mapper's."""
     k = len(magnitude)
 
@@ -221,7 +221,7 @@ def _complete_columns(columns: dict[str, Any], transits: Transits, magnitude: Fl
     error = np.asarray(columns["centroid_pos_error_al"])
     is_lost = rng.random((k, CCDS)) < 0.002  # nothing was measured
     times = np.asarray(columns["obs_time_tcb"])
-    ten_times = np.concatenate([times[:, :1] - int(7.26e9), times], 1)
+    times_with_mapper = np.concatenate([times[:, :1] - int(7.26e9), times], 1)
     centroid, sigma = np.where(is_lost, np.nan, columns["centroid_pos_al"]), np.where(is_lost, SENTINEL, error)
     zeros, zero_flags = np.zeros((k, 1)), np.zeros(k, np.int16)
     return {
@@ -241,7 +241,7 @@ def _complete_columns(columns: dict[str, Any], transits: Transits, magnitude: Fl
         "g_mag": magnitude.astype(np.float32),
         "g_class": np.where(magnitude < 13, 0, np.where(magnitude < 16, 1, 2)).astype(np.int16),
         "ac_rate": rng.normal(0, 0.5, k).astype(np.float32),
-        "obs_time_tcb": ten_times,
+        "obs_time_tcb": times_with_mapper,
         "scan_pos_angle": add_sky_mapper(columns["scan_pos_angle"], np.nan, float),
         "colour_factor_al": add_sky_mapper(zeros, 0.0, np.float32),
         "colour_factor_ac": add_sky_mapper(zeros, np.nan, np.float32),
@@ -262,9 +262,9 @@ def _complete_columns(columns: dict[str, Any], transits: Transits, magnitude: Fl
     }
 
 
-def _compute_roemer_delay(law, time, lon, lat):
+def _compute_roemer_delays(law, time, lon, lat):
     """Time by which a signal is seen earlier at Gaia than at the Sun. [ns]"""
-    longitude, distance = sun_position(law.start, time)
-    toward_sun = rotation_matrix("ecliptic", "icrs") @ triad(longitude, np.zeros_like(longitude))[2]
+    sun_longitude, distance = sun_position(law.start, time)
+    toward_sun = rotation_matrix("ecliptic", "icrs") @ triad(sun_longitude, np.zeros_like(sun_longitude))[2]
     # Gaia stands 1 % beyond the Earth, away from the Sun.
     return -1.01 * distance * np.einsum("ik,ik->k", toward_sun, triad(lon, lat)[2]) * _AU_NS

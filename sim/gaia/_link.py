@@ -143,17 +143,17 @@ def link(
     )
 
     sigma = _GAIA_FACTORS[:, None] * parallax_error(np.maximum(magnitude, 9.0))
-    root = np.linalg.cholesky(np.eye(5) + 0.3 * (np.ones((5, 5)) - np.eye(5)))
-    gaia_offsets = sigma * (root @ rng.standard_normal((5, n_all))) * error_factor
+    correlation_root = np.linalg.cholesky(np.eye(5) + 0.3 * (np.ones((5, 5)) - np.eye(5)))
+    gaia_offsets = sigma * (correlation_root @ rng.standard_normal((5, n_all))) * error_factor
     gaia_offsets[:2] += np.stack([np.sum(q * orientations, 0), -np.sum(p * orientations, 0)])
     gaia_offsets[3:] += np.stack([np.sum(q * spins, 0), -np.sum(p * spins, 0)])
-    covariance = (root @ root.T)[None] * sigma.T[:, :, None] * sigma.T[:, None, :]
+    covariance = (correlation_root @ correlation_root.T)[None] * sigma.T[:, :, None] * sigma.T[:, None, :]
     row_sets = [(np.arange(n_all), np.full(n_all, _GAIA_EPOCH), "gaia", truth, gaia_offsets, covariance)]
 
-    factor = 10 ** (_VLBI_DEX * rng.standard_normal(n_all))
+    vlbi_factor = 10 ** (_VLBI_DEX * rng.standard_normal(n_all))
     is_single_epoch = ~still & (rng.uniform(size=n_all) < single)
     epoch = np.where(still, _FIXED_EPOCH, rng.uniform(*_VLBI_EPOCHS, n_all))
-    sigma = _VLBI_ERRORS[:, None] * factor
+    sigma = _VLBI_ERRORS[:, None] * vlbi_factor
     sigma[3:] /= rng.uniform(*_VLBI_SPANS, n_all)
     for k in range(epochs if is_single_epoch.any() else 1):
         indices = np.flatnonzero(is_single_epoch if k else np.ones(n_all, bool))
@@ -172,24 +172,24 @@ def link(
         variance[2:, is_single | still[indices]] = np.nan
         epoch_truth[2:, is_single | still[indices]] = np.nan
         row_sets.append((indices, t, "vlbi", epoch_truth, offsets, variance.T[:, :, None] * np.eye(5)))
-    return _make_rows(row_sets, magnitude, velocity, still, calibrator_names)
+    return _make_catalogue_rows(row_sets, magnitude, velocity, still, calibrator_names)
 
 
-def _make_rows(row_sets, magnitude, velocity, still, calibrator_names):
+def _make_catalogue_rows(row_sets, magnitude, velocity, still, calibrator_names):
     """Rows of both catalogues, errors added to what is true."""
-    tables = []
+    blocks = []
     for indices, t, label, truth, offset, covariance in row_sets:
         p, q, r = triad(truth[0], truth[1])
         lon, lat = angles(r + UAS * (p * offset[0] + q * offset[1]))
         names = np.where(still[indices], "quasar ", "star ").astype(object) + indices.astype(str)
         is_finite = np.isfinite(np.diagonal(covariance, axis1=1, axis2=2))
-        tables += [AstrometryRows(
+        blocks += [AstrometryRows(
             names.astype(str), np.full(len(indices), label), t, lon, lat, truth[2] + offset[2], truth[3:] + offset[3:],
             np.where(is_finite[:, :, None] & is_finite[:, None, :], covariance, np.nan),
             radial_velocity=velocity[indices], magnitude=magnitude[indices], still=still[indices],
             calibrator=calibrator_names[indices] if label == "vlbi" else None,
         )]  # fmt: skip
-    return reduce(add, tables)
+    return reduce(add, blocks)
 
 
 #: By how much systematic errors are smaller than Gaia EDR3 published (Lindegren et al. 2021), whose quasars show about
@@ -224,14 +224,14 @@ def learn_redshifts(z: FloatArray, rng: np.random.Generator) -> FloatArray:
 def scan_columns(transits: Transits, n: int) -> dict[str, FloatArray]:
     """Visibility periods, transits, and the second moment of scan directions of n places, as Gaia has them."""
     counts = transits.counts(n)
-    is_start = np.ones(len(transits), bool)
-    is_start[1:] = (np.diff(transits.source) != 0) | (np.diff(transits.time) > _PERIOD_GAP)
+    is_period_start = np.ones(len(transits), bool)
+    is_period_start[1:] = (np.diff(transits.source) != 0) | (np.diff(transits.time) > _PERIOD_GAP)
     moment = np.bincount(transits.source, np.cos(2 * transits.angle), n) + 1j * np.bincount(
         transits.source, np.sin(2 * transits.angle), n
     )
     moment = moment / np.maximum(counts, 1)
     return {
-        "visibility_periods_used": np.bincount(transits.source, is_start, n).astype(np.int16),
+        "visibility_periods_used": np.bincount(transits.source, is_period_start, n).astype(np.int16),
         "matched_transits": counts.astype(np.int16),
         "scan_direction_strength_k2": np.abs(moment).astype(np.float32),
         "scan_direction_mean_k2": np.degrees(np.angle(moment) / 2).astype(np.float32),
@@ -244,7 +244,7 @@ def find_error_inflation(magnitude: FloatArray) -> FloatArray:
     return 1 + _FAINT_INFLATION * np.clip((magnitude - lower) / (upper - lower), 0, 1)
 
 
-def make_systematics(
+def draw_systematics(
     lon: FloatArray, lat: FloatArray, sigma: FloatArray, magnitude: FloatArray, wavenumber: FloatArray, release: str,
     rng: np.random.Generator,
 ) -> FloatArray:  # fmt: skip

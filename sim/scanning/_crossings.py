@@ -32,15 +32,15 @@ class Cubics:
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Its values at places x, (n,)."""
-        (a, b, c, d), fraction = self._find_interval(x)
+        (a, b, c, d), fraction = self._find_cubic_and_fraction(x)
         return a + fraction * (b + fraction * (c + fraction * d))
 
     def slope(self, x: FloatArray) -> FloatArray:
         """Its slopes there."""
-        (_, b, c, d), fraction = self._find_interval(x)
+        (_, b, c, d), fraction = self._find_cubic_and_fraction(x)
         return (b + fraction * (2 * c + fraction * 3 * d)) / self.step
 
-    def _find_interval(self, x):
+    def _find_cubic_and_fraction(self, x):
         """Coefficients of the cubic at each place, and how far into its interval that is; the end ones go on beyond."""
         position = np.asarray(x, float) / self.step
         index = np.clip(position.astype(int), 0, self.powers.shape[1] - 1)
@@ -52,23 +52,23 @@ YEAR = 365.25  # days
 _MEAN_RATE = 0.9856474 - 50.29 / 3600 / YEAR
 
 
-def _compute_mean_angles(start, time):
+def _compute_mean_sun_angles(start, time):
     days = (start - 2000.0 + time) * YEAR
     return (357.528 + 0.9856003 * days) * DEGREE, (280.460 + _MEAN_RATE * days) * DEGREE
 
 
 def sun_position(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Ecliptic longitude [rad] and distance [AU] of the Sun, equinox J2000, to 0.01° (Astronomical Almanac, C5)."""
-    g, mean_longitude = _compute_mean_angles(start, time)
+    g, mean_longitude = _compute_mean_sun_angles(start, time)
     sin, cos = sin_cos(g)
     # sin 2g = 2 sin g cos g, cos 2g = 2 cos² g − 1
     longitude = mean_longitude + (1.915 + 0.040 * cos) * sin * DEGREE
     return longitude, 1.00028 - (0.01671 + 0.00028 * cos) * cos
 
 
-def compute_sun_rate(start: float, time: FloatArray) -> FloatArray:
+def compute_sun_longitude_rate(start: float, time: FloatArray) -> FloatArray:
     """dλ/dt [rad/yr]."""
-    g, _ = _compute_mean_angles(start, time)
+    g, _ = _compute_mean_sun_angles(start, time)
     anomaly_rate = 0.9856003 * DEGREE * YEAR
     return _MEAN_RATE * DEGREE * YEAR + (1.915 * np.cos(g) + 0.040 * np.cos(2 * g)) * DEGREE * anomaly_rate
 
@@ -104,7 +104,7 @@ class Spins:
         self.chunks = z[:, np.minimum(spin, len(times) - 1)]
         self.reach = np.sqrt(np.sum((self.chunks - self.chunks[:, :, :1]) ** 2, 0)).max(1)
 
-    def crossings(
+    def find_crossings(
         self, r: FloatArray, max_height: float, half_angle: float, *, compiled: bool = False
     ) -> tuple[IntArray, FloatArray, IntArray]:
         """Source, time and field (1 preceding, −1 following) of all crossings, ordered by source and time.
@@ -124,8 +124,8 @@ class Spins:
         if compiled:
             from sim.scanning import _compiled
 
-            directions, *axes = (np.ascontiguousarray(vectors.T) for vectors in (r, self.z, self.u, self.w))
-            return _compiled.find_all(directions, tuple(axes), self.times, self.reach, CHUNK, max_height, half_angle)
+            r_rows, *axes = (np.ascontiguousarray(vectors.T) for vectors in (r, self.z, self.u, self.w))
+            return _compiled.find_crossings(r_rows, tuple(axes), self.times, self.reach, CHUNK, max_height, half_angle)
         source, spin, h0, h1 = self._find_near_sources(r, max_height)
         directions = r[:, source]
         azimuth = np.arctan2(dot(directions, self.w[:, spin]), dot(directions, self.u[:, spin]))
@@ -137,21 +137,21 @@ class Spins:
             phase = (azimuth - view * half_angle) % (2 * np.pi)
             # Where the azimuth of a source falls, a field may meet it twice in a spin.
             for rows, lap_angle in ((slice(None), 0.0), (np.flatnonzero(phase < -azimuth_shift), 2 * np.pi)):
-                share = (phase[rows] + lap_angle) / (2 * np.pi - azimuth_shift[rows])
-                hit = np.flatnonzero((share < 1) & (np.abs(h0[rows] + share * (h1 - h0)[rows]) < max_height))
-                hit_spins = spin[rows][hit]
-                time = self.times[hit_spins] + share[hit] * (self.times[hit_spins + 1] - self.times[hit_spins])
-                crossings.append((source[rows][hit], time, np.full(len(hit), view)))
-        owner, time, views = (np.concatenate(column) for column in zip(*crossings, strict=True))
+                fraction = (phase[rows] + lap_angle) / (2 * np.pi - azimuth_shift[rows])
+                hit_rows = np.flatnonzero((fraction < 1) & (np.abs(h0[rows] + fraction * (h1 - h0)[rows]) < max_height))
+                hit_spins = spin[rows][hit_rows]
+                time = self.times[hit_spins] + fraction[hit_rows] * (self.times[hit_spins + 1] - self.times[hit_spins])
+                crossings.append((source[rows][hit_rows], time, np.full(len(hit_rows), view)))
+        crossing_source, time, views = (np.concatenate(column) for column in zip(*crossings, strict=True))
         # Four lists in order become one.
-        order = np.argsort(owner + time / (self.times[-1] + 1), kind="stable")
-        return owner[order], time[order], views[order]
+        order = np.argsort(crossing_source + time / (self.times[-1] + 1), kind="stable")
+        return crossing_source[order], time[order], views[order]
 
     def _find_near_sources(self, r, max_height):
         """Find the sources near the scan circle in which spins, and their heights at the start and the end of each."""
         # Height above the circle at every eighth spin: z moves a degree in one.
-        start = self.z[:, ::CHUNK][:, : len(self.reach)]
-        source, chunk = np.nonzero(np.abs(r.T @ start) < max_height + self.reach)
+        chunk_axes = self.z[:, ::CHUNK][:, : len(self.reach)]
+        source, chunk = np.nonzero(np.abs(r.T @ chunk_axes) < max_height + self.reach)
         height = dot(r[:, source, None], self.chunks[:, chunk])
         is_below, is_above = height < max_height, height > -max_height
         row, offset = np.nonzero((is_below[:, :-1] | is_below[:, 1:]) & (is_above[:, :-1] | is_above[:, 1:]))
@@ -199,8 +199,8 @@ def draw_gaps(years: float, dead_time: float, rng: Rng | None) -> FloatArray:
 
 def is_outside_gaps(time: FloatArray, gaps: FloatArray) -> BoolArray:
     """Mask of the times in no gap, (n,)."""
-    before = np.searchsorted(gaps[:, 0], time, side="right") - 1
-    return (before < 0) | (time >= np.append(gaps[:, 1], 0.0)[before])
+    gap_index = np.searchsorted(gaps[:, 0], time, side="right") - 1
+    return (gap_index < 0) | (time >= np.append(gaps[:, 1], 0.0)[gap_index])
 
 
 def find_gaps(time: ArrayLike, start: float, *, longest: float = 0.003) -> tuple[tuple[float, float], ...]:
@@ -221,8 +221,8 @@ def find_gaps(time: ArrayLike, start: float, *, longest: float = 0.003) -> tuple
     [(0.001, 0.1)]
     """
     times = np.sort(np.ravel(float_array("time", time))) - number("start", start)
-    gap_starts = np.flatnonzero(np.diff(times) > positive("longest", longest))
-    return tuple((float(times[i]), float(times[i + 1])) for i in gap_starts)
+    before_gap = np.flatnonzero(np.diff(times) > positive("longest", longest))
+    return tuple((float(times[i]), float(times[i + 1])) for i in before_gap)
 
 
 class TabulatedLaw(InNotebook):
@@ -292,14 +292,14 @@ class TabulatedLaw(InNotebook):
         """Spin axis and both fields of view at `time` [yr since the start], (n,): z, preceding, following."""
         time = np.clip(np.asarray(time, float), 0, self.years)
         k = np.clip(np.searchsorted(self._times, time, side="right") - 1, 0, len(self._times) - 2)
-        share = (time - self._times[k]) / (self._times[k + 1] - self._times[k])
+        fraction = (time - self._times[k]) / (self._times[k + 1] - self._times[k])
         # Between two times the axis moves straight, and the middle of the fields turns evenly about it.
-        z = self._z[:, k] * (1 - share) + self._z[:, k + 1] * share
+        z = self._z[:, k] * (1 - fraction) + self._z[:, k + 1] * fraction
         z /= np.sqrt(np.sum(z**2, 0))
-        before = self._middle[:, k] - z * np.sum(self._middle[:, k] * z, 0)
-        before /= np.sqrt(np.sum(before**2, 0))
-        ahead = np.cross(z, before, axis=0)
-        after = self._middle[:, k + 1]
-        turn = share * np.arctan2(np.sum(after * ahead, 0), np.sum(after * before, 0))
+        middle_before = self._middle[:, k] - z * np.sum(self._middle[:, k] * z, 0)
+        middle_before /= np.sqrt(np.sum(middle_before**2, 0))
+        perpendicular = np.cross(z, middle_before, axis=0)
+        middle_after = self._middle[:, k + 1]
+        angle = fraction * np.arctan2(np.sum(middle_after * perpendicular, 0), np.sum(middle_after * middle_before, 0))
         half = self.basic_angle / 2
-        return (z, *(before * np.cos(turn + a) + ahead * np.sin(turn + a) for a in (half, -half)))
+        return (z, *(middle_before * np.cos(angle + a) + perpendicular * np.sin(angle + a) for a in (half, -half)))

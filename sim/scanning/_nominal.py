@@ -23,7 +23,7 @@ from sim.scanning._crossings import (
     Cubics,
     Spins,
     compute_sun_direction,
-    compute_sun_rate,
+    compute_sun_longitude_rate,
     dot,
     draw_gaps,
     is_outside_gaps,
@@ -47,18 +47,18 @@ _MIN_SPEED = 1.5
 class _PeriodicIntegral:
     """∫ f dν of a periodic f, from its values at even steps of ν: a slope, and a Fourier series."""
 
-    def __init__(self, values: FloatArray) -> None:
-        order = np.arange(1, len(values) // 2)
-        waves = np.fft.rfft(values)[: len(order) + 1] / len(values)
-        terms = 2 * waves[1:] / (1j * order)
-        significant = np.flatnonzero(np.abs(terms) > 1e-17 * abs(waves[0]))
-        self.slope, self.terms = waves[0].real, terms[: significant[-1] + 1 if len(significant) else 0]
+    def __init__(self, integrand: FloatArray) -> None:
+        order = np.arange(1, len(integrand) // 2)
+        fourier_terms = np.fft.rfft(integrand)[: len(order) + 1] / len(integrand)
+        terms = 2 * fourier_terms[1:] / (1j * order)
+        kept_indices = np.flatnonzero(np.abs(terms) > 1e-17 * abs(fourier_terms[0]))
+        self.slope, self.terms = fourier_terms[0].real, terms[: kept_indices[-1] + 1 if len(kept_indices) else 0]
 
     def __call__(self, nu: Any) -> Any:
-        wave, total = np.exp(1j * nu), np.zeros(np.shape(nu), complex)
+        wave, series = np.exp(1j * nu), np.zeros(np.shape(nu), complex)
         for term in self.terms[::-1]:
-            total = (total + term) * wave
-        return self.slope * nu + total.real
+            series = (series + term) * wave
+        return self.slope * nu + series.real
 
 
 class Precession:
@@ -78,8 +78,8 @@ class Precession:
         # The mean of 1/g falls with S and is convex: Newton's steps from below do not overshoot.
         for _ in range(100):
             rate = self.rate(nu)
-            slope = self.speed / (np.sqrt(self.speed**2 - np.cos(nu) ** 2) * np.sin(xi))
-            step = (np.mean(1 / rate) - 1 / precessions) / np.mean(slope / rate**2)
+            speed_slope = self.speed / (np.sqrt(self.speed**2 - np.cos(nu) ** 2) * np.sin(xi))
+            step = (np.mean(1 / rate) - 1 / precessions) / np.mean(speed_slope / rate**2)
             if step < 0 and self.speed == _MIN_SPEED:
                 raise ParameterError(
                     f"precessions must be at least {1 / np.mean(1 / rate):.3g} in a year at this solar_aspect, "
@@ -95,20 +95,20 @@ class Precession:
         """g = dν/dλ."""
         return (np.sqrt(self.speed**2 - np.cos(nu) ** 2) + np.cos(self.xi) * np.sin(nu)) / np.sin(self.xi)
 
-    def phase(self, start: float, turned: FloatArray) -> FloatArray:
-        """ν [rad] where it was `start`, and the Sun has since turned by so much, (n,). [rad]"""
-        target = self._longitude(start) + turned
-        nu = target / self._longitude.slope
+    def phase(self, start_phase: float, sun_turn: FloatArray) -> FloatArray:
+        """ν [rad] where it was `start_phase`, and the Sun has since turned by `sun_turn`, (n,). [rad]"""
+        target_longitude = self._longitude(start_phase) + sun_turn
+        nu = target_longitude / self._longitude.slope
         for _ in range(30):
-            step = (target - self._longitude(nu)) * self.rate(nu)
+            step = (target_longitude - self._longitude(nu)) * self.rate(nu)
             nu = nu + step
             if not np.any(np.abs(step) > 1e-13 * (1 + np.abs(nu))):
                 break
         return nu
 
-    def lag(self, start: float, nu: FloatArray) -> FloatArray:
-        """Part of Ω that is missing from an even turn while ν went from `start` to `nu`. [rad]"""
-        return -np.cos(self.xi) * (nu - start) - np.sin(self.xi) * (self._sine(nu) - self._sine(start))
+    def lag(self, start_phase: float, nu: FloatArray) -> FloatArray:
+        """Part of Ω that is missing from an even turn while ν went from `start_phase` to `nu`. [rad]"""
+        return -np.cos(self.xi) * (nu - start_phase) - np.sin(self.xi) * (self._sine(nu) - self._sine(start_phase))
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +209,7 @@ class NominalScanningLaw(Frozen):
         gaps = sort_gaps(self.gaps)
         random_gaps = draw_gaps(self.years, self.dead_time, self.rng) if self.dead_time else gaps[:0]
         self._state["gaps"] = sort_gaps(np.concatenate([gaps, random_gaps]))
-        self._integrate()
+        self._integrate_law()
 
     @property
     def speed(self) -> float:
@@ -235,7 +235,7 @@ class NominalScanningLaw(Frozen):
         """Spin axis and both fields of view at `time` [yr since the start], (n,): z, preceding, following."""
         time = np.asarray(time, float)
         (z, u, w), _ = self._compute_axes_and_sun(time)
-        phase = self._compute_phase(time)
+        phase = self._compute_spin_phase(time)
         views = [u * np.cos(phase + a) + w * np.sin(phase + a) for a in (self.basic_angle / 2, -self.basic_angle / 2)]
         rotation = rotation_matrix("ecliptic", self.frame)
         return tuple(rotation @ v for v in (z, *views))
@@ -256,21 +256,21 @@ class NominalScanningLaw(Frozen):
         """
         lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))
         blocks = self.map_transits(
-            lambda part, block: replace(block, source=block.source + part.start), lon, lat, threads, progress
+            lambda chunk, transits: replace(transits, source=transits.source + chunk.start), lon, lat, threads, progress
         ) or [self.transits_of_block(lon, lat)]
         names = [entry.name for entry in fields(Transits)]
-        return Transits(*(np.concatenate([getattr(block, name) for block in blocks]) for name in names))
+        return Transits(*(np.concatenate([getattr(transits, name) for transits in blocks]) for name in names))
 
     def map_transits(
-        self, work: Callable[..., T], lon: FloatArray, lat: FloatArray, threads: int | None, progress: bool
+        self, function: Callable[..., T], lon: FloatArray, lat: FloatArray, threads: int | None, progress: bool
     ) -> list[T]:
-        """`work` of blocks of `lon`, `lat` and their transits, in order, by `threads`; `progress` shows a bar."""
+        """`function` of blocks of `lon`, `lat` and their transits, in order, by `threads`; `progress` shows a bar."""
         is_compiled = len(lon) >= _COMPILED_FROM and has_numba()
 
-        def work_on_block(chunk):
-            return work(chunk, self.transits_of_block(lon[chunk], lat[chunk], compiled=is_compiled))
+        def apply_to_block(chunk):
+            return function(chunk, self.transits_of_block(lon[chunk], lat[chunk], compiled=is_compiled))
 
-        return list(map_blocks(work_on_block, len(lon), BLOCK, threads, "transits" if progress else None))
+        return list(map_blocks(apply_to_block, len(lon), BLOCK, threads, "transits" if progress else None))
 
     def transits_of_block(self, lon: ArrayLike, lat: ArrayLike, *, compiled: bool = False) -> Transits:
         """Find transits in one thread, for few enough `lon`, `lat` [rad] that each may meet every spin at once.
@@ -287,64 +287,64 @@ class NominalScanningLaw(Frozen):
         max_sine = np.sin(self.half_height)
         # Between spins the height is taken as linear, good to 20 arcsec; hence a margin, and a second look.
         max_height = max_sine * 1.03 if spins.bend < _MAX_BEND else max_sine + 1.5 * spins.bend
-        owner, time, views = spins.crossings(r, max_height, self.basic_angle / 2, compiled=compiled)
+        source, time, views = spins.find_crossings(r, max_height, self.basic_angle / 2, compiled=compiled)
         if spins.bend >= _MAX_BEND:
-            time = self._refine_crossings(r[:, owner], time, views)
-        hits = is_outside_gaps(time, self._state["gaps"])
-        owner, time, views = owner[hits], time[hits], views[hits]
+            time = self._refine_crossing_times(r[:, source], time, views)
+        is_observed = is_outside_gaps(time, self._state["gaps"])
+        source, time, views = source[is_observed], time[is_observed], views[is_observed]
         (z, _, _), (sun, distance) = self._compute_axes_and_sun(time)
-        directions = r[:, owner]
+        directions = r[:, source]
         sine = dot(directions, z)
         hits = np.abs(sine) < max_sine
         if not hits.all():
-            owner, time, views, sine, distance = owner[hits], time[hits], views[hits], sine[hits], distance[hits]
+            source, time, views, sine, distance = source[hits], time[hits], views[hits], sine[hits], distance[hits]
             z, sun, directions = z[:, hits], sun[:, hits], directions[:, hits]
         # The scan goes along s = z × r/cos ζ: s·p = z·q/cos ζ, s·q = −z·p/cos ζ.
-        angle = np.arctan2(dot(z, q[:, owner]), -dot(z, p[:, owner]))
-        along = sun[0] * (z[1] * directions[2] - z[2] * directions[1]) + sun[1] * (
+        angle = np.arctan2(dot(z, q[:, source]), -dot(z, p[:, source]))
+        sun_along_scan = sun[0] * (z[1] * directions[2] - z[2] * directions[1]) + sun[1] * (
             z[2] * directions[0] - z[0] * directions[2]
         )
         # Gaia is opposite the Sun, 1 % farther out than the Earth; a parallax shifts towards the Sun.
-        factor = 1.01 * distance * along / np.sqrt(1 - sine * sine)
-        return Transits(owner, time, angle, factor, views, np.arcsin(sine))
+        parallax_factor = 1.01 * distance * sun_along_scan / np.sqrt(1 - sine * sine)
+        return Transits(source, time, angle, parallax_factor, views, np.arcsin(sine))
 
-    def _integrate(self):
+    def _integrate_law(self):
         """ν and Ω as cubics of time, and the axes at the start of every spin."""
         precession = Precession(self.precessions, self.solar_aspect)
         speed = precession.speed
-        rate = self.spin_rate / 3600 * DEGREE * 86400 * YEAR  # rad a year
+        spin_rate = self.spin_rate / 3600 * DEGREE * 86400 * YEAR  # rad a year
         pole_years = self.pole_days / YEAR
-        start = np.pi * round(self.precession_phase / np.pi) if pole_years else self.precession_phase
+        start_phase = np.pi * round(self.precession_phase / np.pi) if pole_years else self.precession_phase
 
-        grid = np.linspace(0, self.years, max(2, int(self.years * YEAR * 2)) + 1)
-        sun, _ = sun_position(self.start, np.maximum(np.append(pole_years, grid), pole_years))
-        phase = precession.phase(start, sun[1:] - sun[0])
-        sun_speed = np.where(grid < pole_years, 0.0, compute_sun_rate(self.start, grid))
+        grid_times = np.linspace(0, self.years, max(2, int(self.years * YEAR * 2)) + 1)
+        sun_longitude, _ = sun_position(self.start, np.maximum(np.append(pole_years, grid_times), pole_years))
+        phase = precession.phase(start_phase, sun_longitude[1:] - sun_longitude[0])
+        sun_speed = np.where(grid_times < pole_years, 0.0, compute_sun_longitude_rate(self.start, grid_times))
         phase_rate = precession.rate(phase) * sun_speed
         lag_rate = -np.cos(self.solar_aspect) * phase_rate - np.sin(self.solar_aspect) * np.sin(phase) * sun_speed
-        nu = Cubics(grid[1], phase, phase_rate)
-        slow = Cubics(grid[1], precession.lag(start, phase), lag_rate)
+        nu = Cubics(grid_times[1], phase, phase_rate)
+        slow = Cubics(grid_times[1], precession.lag(start_phase, phase), lag_rate)
 
-        self._state.update(speed=speed, nu=nu, rate=rate, slow=slow)
-        last_spin = int(np.floor(self._compute_phase(self.years) / (2 * np.pi)))
-        first_spin = int(np.ceil(self._compute_phase(0.0) / (2 * np.pi)))
-        turns = 2 * np.pi * np.arange(first_spin, last_spin + 1)
-        times: Any = (turns - self.spin_phase) / rate
+        self._state.update(speed=speed, nu=nu, rate=spin_rate, slow=slow)
+        last_spin = int(np.floor(self._compute_spin_phase(self.years) / (2 * np.pi)))
+        first_spin = int(np.ceil(self._compute_spin_phase(0.0) / (2 * np.pi)))
+        turn_phases = 2 * np.pi * np.arange(first_spin, last_spin + 1)
+        times: Any = (turn_phases - self.spin_phase) / spin_rate
         for _ in range(4):  # Newton: Ω grows 1600 times as fast as its slow part
-            times -= (self._compute_phase(times) - turns) / (rate + slow.slope(times))
+            times -= (self._compute_spin_phase(times) - turn_phases) / (spin_rate + slow.slope(times))
         self._state["spins"] = Spins(times, *self._compute_axes_and_sun(times)[0])
 
-    def _refine_crossings(self, directions, time, views):
+    def _refine_crossing_times(self, directions, time, views):
         """Times at which the fields really pass, by Newton steps: in a long spin its axis does not move straight."""
         end_time = np.nextafter(self.years, 0)
         for _ in range(4):
             (_, u, w), _ = self._compute_axes_and_sun(time)
             azimuth = np.arctan2(np.sum(directions * w, 0), np.sum(directions * u, 0))
-            phase_error = azimuth - self._compute_phase(time) - views * self.basic_angle / 2
+            phase_error = azimuth - self._compute_spin_phase(time) - views * self.basic_angle / 2
             time = np.clip(time + ((phase_error + np.pi) % (2 * np.pi) - np.pi) / self._state["rate"], 0, end_time)
         return time
 
-    def _compute_phase(self, time):
+    def _compute_spin_phase(self, time):
         """Ω, the phase of the spin. [rad]"""
         return self.spin_phase + self._state["rate"] * time + self._state["slow"](time)
 

@@ -85,7 +85,7 @@ class LinearFlow(Velocities):
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tangential and radial velocities, as `Velocities.velocity` says."""
         rng = np.random.default_rng(self.seed)
-        scaled_distance = distance * _find_little_h(self.cosmology, self.hubble)
+        scaled_distance = distance * _compute_little_h(self.cosmology, self.hubble)
         if self.exact:
             if len(lon) > _MAX_EXACT:
                 raise ParameterError(
@@ -104,15 +104,15 @@ class LinearFlow(Velocities):
             block = slice(start, start + _BLOCK_SIZE)
             tangential_modes, radial_modes = modes.at(lon[block], lat[block], scaled_distance[block])
             tangential[:, block], radial[block] = tangential_modes @ amplitude, radial_modes @ amplitude
-        scatter = [np.sqrt(variance) for variance in modes.left(scaled_distance)]
-        tangential += scatter[0] * rng.standard_normal(tangential.shape)
-        return tangential, radial + scatter[1] * rng.standard_normal(radial.shape)
+        remaining_sigmas = [np.sqrt(variance) for variance in modes.left(scaled_distance)]
+        tangential += remaining_sigmas[0] * rng.standard_normal(tangential.shape)
+        return tangential, radial + remaining_sigmas[1] * rng.standard_normal(radial.shape)
 
     def velocity_here(self, redshift: ArrayLike) -> FloatArray:
         """The flow where we are, along the axes of its frame, (3,), of galaxies at so large a redshift. [km/s]"""
-        farthest = np.max(transverse_distance(redshift, self.cosmology, hubble=self.hubble))
+        max_distance = np.max(transverse_distance(redshift, self.cosmology, hubble=self.hubble))
         lon, lat = np.array([0, np.pi / 2, 0, 0]), np.array([0, 0, np.pi / 2, 0])
-        return self.velocity(lon, lat, np.array([1e-3, 1e-3, 1e-3, farthest]))[1][:3]
+        return self.velocity(lon, lat, np.array([1e-3, 1e-3, 1e-3, max_distance]))[1][:3]
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class GridFlow(Velocities):
 
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tangential and radial velocities, as `Velocities.velocity` says."""
-        scaled_distance = distance * _find_little_h(self.cosmology, self.hubble)
+        scaled_distance = distance * _compute_little_h(self.cosmology, self.hubble)
         flow, is_inside = self.grid.at(lon, lat, scaled_distance, self.frame)
         if not is_inside.all():
             raise ParameterError(f"{(~is_inside).sum()} sources lie outside of the grid of velocities, {self.grid!r}")
@@ -213,7 +213,7 @@ def _compute_covariance_root(theory, lon_bytes, lat_bytes, distance_bytes):
     return np.linalg.cholesky(covariance)
 
 
-def _find_little_h(cosmology, hubble):
+def _compute_little_h(cosmology, hubble):
     """H0/100 of the distances: in Mpc/h they are the same whatever it is."""
     return (hubble or hubble_value(FLAT_PLANCK13 if cosmology is None else cosmology)) / 100
 
@@ -273,8 +273,8 @@ class SwingingWave(TimeDependent):
 
     def displacement(self, lon: FloatArray, lat: FloatArray, time: FloatArray) -> FloatArray:
         """Displacements of sources at `lon`, `lat` [rad], a `time` each [yr since the epoch], (2, k). [µas]"""
-        swing = np.cos(2 * np.pi * self.frequency * time + self.phase)
-        return wave_motions(lon, lat, self.direction, self.plus, self.cross) * swing
+        oscillation = np.cos(2 * np.pi * self.frequency * time + self.phase)
+        return wave_motions(lon, lat, self.direction, self.plus, self.cross) * oscillation
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from vsh.modes import as_modes
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.arguments import float_array, generator, not_negative, number
-from vsh.tools.bad_rows import as_floats
+from vsh.tools.bad_rows import as_floats_and_mask
 from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Rng
@@ -134,8 +134,8 @@ class Signal(InNotebook):
             raise ParameterError(f"redshifts are observed as heliocentric, cmb or true ones, not {frame!r}")
         if frame == "true":
             return redshift
-        outward = sum(component.radial(lon, lat, redshift) for component in self.parts if hasattr(component, "radial"))
-        wavelength_ratio = (1 + redshift) * (1 + outward / SPEED_OF_LIGHT)
+        radial = sum(component.radial(lon, lat, redshift) for component in self.parts if hasattr(component, "radial"))
+        wavelength_ratio = (1 + redshift) * (1 + radial / SPEED_OF_LIGHT)
         if frame == "heliocentric":
             our_velocity = sum(
                 component.velocity @ triad(lon, lat)[2]
@@ -156,7 +156,7 @@ class Signal(InNotebook):
         if not isinstance(factor, (int, float, np.number)):
             return NotImplemented
         return Signal(
-            tuple(_scale_signal(component, number("the factor of a signal", factor)) for component in self.parts)
+            tuple(_scale_component(component, number("the factor of a signal", factor)) for component in self.parts)
         )
 
     __rmul__ = __mul__
@@ -165,7 +165,7 @@ class Signal(InNotebook):
         return self * -1.0
 
 
-def _scale_signal(component, factor):
+def _scale_component(component, factor):
     """A part of a signal, so many times as large; our own velocity stays one, for redshifts."""
     if isinstance(component, ObserverMotion):
         return replace(cast(Any, component), velocity=factor * np.asarray(component.velocity, float))
@@ -276,20 +276,20 @@ def acceleration(vector: ArrayLike) -> Signal:
     return from_coefficients(Coefficients.from_vectors(glide=check_vector(vector, "acceleration", "uas / yr")))
 
 
-def check_vector(value: Any, name: str, unit: str = "") -> FloatArray:
+def check_vector(vector: Any, name: str, unit: str = "") -> FloatArray:
     """Three finite components, bare or as a Quantity of any fitting unit."""
-    value = as_floats(name, value, unit)[0]
-    if value.shape != (3,) or not np.isfinite(value).all():
-        raise FieldError(f"{name} must be a vector of three finite components, not of shape {value.shape}")
-    return value
+    vector = as_floats_and_mask(name, vector, unit)[0]
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise FieldError(f"{name} must be a vector of three finite components, not of shape {vector.shape}")
+    return vector
 
 
-def check_nonzero_vector(value: Any, name: str, unit: str = "") -> FloatArray:
+def check_nonzero_vector(vector: Any, name: str, unit: str = "") -> FloatArray:
     """Three finite components that are not all zero, bare or as a Quantity."""
-    value = check_vector(value, name, unit)
-    if not value.any():
+    vector = check_vector(vector, name, unit)
+    if not vector.any():
         raise FieldError(f"{name} must be a vector whose components are not all zero")
-    return value
+    return vector
 
 
 @dataclass(frozen=True)

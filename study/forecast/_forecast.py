@@ -16,7 +16,7 @@ from fit.motions.galaxy import R0, circular_speed, distance_of_centre, expected_
 from fit.motions.shear import to_tensor
 from fit.secular_parallax import predict_errors as predict_velocity
 from sim.astrometry import POSITION_FACTORS, RELEASES, gaia_errors, parallax_error
-from sim.population import CRF3_COUNTS, SIX_PARAMETERS, crf3_magnitudes, galaxies
+from sim.population import CRF3_COUNTS, SIX_PARAMETERS, draw_crf3_magnitudes, galaxies
 from vsh import Coefficients, Field
 from vsh.io import tables
 from vsh.io.sections import Answer, Section, text_of
@@ -162,7 +162,7 @@ def _average_error(sigma):
 def _make_crf3_sample():
     """Magnitudes of Gaia-CRF3's quasars, and factors on their errors: information to half a per cent."""
     five, six = (count // 8 for count in CRF3_COUNTS.values())
-    return crf3_magnitudes(five, six, 1), np.where(np.arange(five + six) < five, 1.0, SIX_PARAMETERS)
+    return draw_crf3_magnitudes(five, six, 1), np.where(np.arange(five + six) < five, 1.0, SIX_PARAMETERS)
 
 
 _N_QUASARS, _N_GALAXIES = sum(CRF3_COUNTS.values()), 100_000

@@ -18,7 +18,7 @@ from every_result import RESULTS, result_of
 
 import sim
 from vsh.io.astrometry import write_astrometry
-from vsh.tools.parallel import without_bars
+from vsh.tools.parallel import without_progress_bars
 
 KEPT = Path(__file__).with_name("numbers.json")
 #: What rests on decisions of a random walk, which rounding changes.
@@ -166,5 +166,5 @@ def write():
 
 
 if __name__ == "__main__":
-    with without_bars():
+    with without_progress_bars():
         write()

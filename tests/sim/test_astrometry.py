@@ -8,7 +8,7 @@ from scipy import stats
 import fit
 import sim
 from fit.secular_parallax import hubble_constant, observer_velocity
-from sim.astrometry import PARAMETERS, errors_of_unit_transits, parallax_error, solve_astrometry
+from sim.astrometry import PARAMETERS, compute_unit_transit_errors, parallax_error, solve_astrometry
 from sim.expected import errors_by_place
 from sim.variability import Variability, markov_chain
 from vsh.models.cosmology import BACHCHAN_2016
@@ -51,14 +51,14 @@ def test_bad_chains_are_refused():
 
 @pytest.mark.slow
 def test_ratios_to_the_parallax_error_are_the_published_ones():
-    unit = errors_of_unit_transits(LAW, n=20_000)
+    unit = compute_unit_transit_errors(LAW, n=20_000)
     np.testing.assert_allclose(unit / unit[2], [0.787, 0.699, 1, 0.556, 0.496], rtol=0.05)
 
 
 def test_parallax_errors_are_the_published_ones():
     magnitude = np.array([14.0, 17.0, 20.0])
     error = sim.Mission(LAW, "DR4").transit_error(magnitude)
-    np.testing.assert_allclose(error * errors_of_unit_transits(LAW)[2], parallax_error(magnitude, "DR4"))
+    np.testing.assert_allclose(error * compute_unit_transit_errors(LAW)[2], parallax_error(magnitude, "DR4"))
 
 
 def one_source(n, lon=1.0, lat=0.4):

@@ -96,9 +96,9 @@ def test_many_sources_take_the_compiled_loop(monkeypatch):
     plain = law.transits(lon, lat)
     from sim.scanning import _compiled
 
-    used, loop = [], _compiled.find_all
+    used, loop = [], _compiled.find_crossings
     monkeypatch.setattr("sim.scanning._nominal._COMPILED_FROM", 1000)
-    monkeypatch.setattr(_compiled, "find_all", lambda r, *more: used.append(len(r)) or loop(r, *more))
+    monkeypatch.setattr(_compiled, "find_crossings", lambda r, *more: used.append(len(r)) or loop(r, *more))
     again = law.transits(lon, lat, threads=1)
     assert used == [1000, 200]
     np.testing.assert_allclose(again.time, plain.time, atol=1e-14)

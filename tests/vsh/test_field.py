@@ -8,7 +8,7 @@ from conftest import random_field
 
 import fit
 from vsh import Field
-from vsh.tools.bad_rows import as_floats
+from vsh.tools.bad_rows import as_floats_and_mask
 from vsh.tools.errors import FieldError, FrameError
 
 GOOD = {"ra": [10.0, 20, 30], "dec": [1.0, 2, 3], "pmra": [1.0, 2, 3], "pmdec": [4.0, 5, 6]}
@@ -71,8 +71,8 @@ def test_columns_of_a_table_of_rows_are_columns():
     table = np.array([GOOD[name] for name in GOOD]).T.copy()
     field = Field.from_columns(**{name: table[:, k] for k, name in enumerate(GOOD)})
     np.testing.assert_array_equal(field.motion, Field.from_columns(**GOOD).motion)
-    assert as_floats("ra", table[:, 0])[0].flags.c_contiguous
-    assert as_floats("ra", np.array(3.0))[0].shape == (1,)
+    assert as_floats_and_mask("ra", table[:, 0])[0].flags.c_contiguous
+    assert as_floats_and_mask("ra", np.array(3.0))[0].shape == (1,)
 
 
 def test_every_fault_is_counted_once():

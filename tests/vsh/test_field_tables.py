@@ -8,7 +8,7 @@ from astropy.table import Table
 
 from vsh import Field, FieldError, FrameError, ScalarField, Vector
 from vsh.io import catalogue
-from vsh.tools.notebook import format_value
+from vsh.tools.notebook import format_html_value
 
 RNG = np.random.default_rng(1)
 N = 20
@@ -85,6 +85,6 @@ def test_in_a_notebook():
     assert "<script>" not in html
     html = Vector([3.0, 4.0, 0.0], np.eye(3))._repr_html_()
     assert "5.0 ± 1.0 µas/yr" in html
-    assert format_value(np.array([1.0, np.nan] * 20)) == "40, from 1 to 1, 20 missing"
-    assert format_value(np.array(["a", "b", "c", "d"])) == "4: a, b, c, …"
-    assert len(format_value("x" * 1000)) < 200
+    assert format_html_value(np.array([1.0, np.nan] * 20)) == "40, from 1 to 1, 20 missing"
+    assert format_html_value(np.array(["a", "b", "c", "d"])) == "4: a, b, c, …"
+    assert len(format_html_value("x" * 1000)) < 200

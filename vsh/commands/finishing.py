@@ -24,8 +24,8 @@ from vsh.io.sections import Answer, Section, as_json_value, text_of
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.files import UNFINISHED, atomic_folder, atomic_write, check_not_read, check_unchanged, digest, file_stamp
 from vsh.tools.formats import is_address
-from vsh.tools.parallel import end_elapsed
-from vsh.tools.printing import one_line_text, printable, silence, wrap_lines
+from vsh.tools.parallel import hide_elapsed_time
+from vsh.tools.printing import mute_output, one_line_text, printable, wrap_lines
 from vsh.tools.types import PathName
 
 if TYPE_CHECKING:
@@ -264,7 +264,7 @@ def message_result(
 
 def print_result(options: argparse.Namespace, result: RunResult) -> None:
     """Print the report, or with --json or --latex what other programs read, or nothing."""
-    end_elapsed()
+    hide_elapsed_time()
     if options.json:
         print(as_json(options, result), flush=True)  # who reads may have seen enough
     elif options.latex:
@@ -444,7 +444,7 @@ class Run:
         try:
             print_result(options, result)
         except BrokenPipeError:  # whoever reads has seen enough (| head); the files are wanted all the same
-            silence()
+            mute_output()
         if not (options.output or options.html):
             return
         meta = running.provenance(paths or [], options, self.opened, **(counts or {}))

@@ -23,8 +23,8 @@ from vsh.commands.reading import keep_standard_input
 from vsh.tools.errors import VshError, VshWarning
 from vsh.tools.files import check_not_read, digest, protect_files
 from vsh.tools.formats import hide_address_secrets, hide_secrets, is_address
-from vsh.tools.parallel import end_elapsed, limit_threads, show_elapsed, without_bars
-from vsh.tools.printing import PACKAGES, format_system_message, guard_printing, printable, silence, silence_if_broken
+from vsh.tools.parallel import hide_elapsed_time, limit_threads, show_elapsed_time, without_progress_bars
+from vsh.tools.printing import PACKAGES, format_os_error, guard_printing, mute_if_broken, mute_output, printable
 
 #: Options that change no result, and what the parser found besides.
 NOT_TOLD = (*sorted({*NOT_KEPT} - {"checkpoint", "url"}), "log", "threads", "command", "given", "program", "expected")
@@ -75,10 +75,10 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
             limit_threads(getattr(options, "threads", None)),
             protect_files(_list_inputs(options)),
             write_log(options),
-            without_bars(options.quiet),
+            without_progress_bars(options.quiet),
             keep_standard_input(options),
             _interrupt_on_terminate(),
-            show_elapsed(program),
+            show_elapsed_time(program),
         ):
             warnings.simplefilter("ignore", VshWarning)  # the report's notes say it
             _note_changed_files(options)
@@ -89,11 +89,11 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
         text = f"error: a matrix cannot be solved with ({error}): too few sources, or motions or errors in a wrong unit"
         return _report_failure(program, f"{text}, so that they differ by many powers of ten (--units)")
     except BrokenPipeError:  # whoever read our output has seen enough
-        silence()
+        mute_output()
         return 0
     except OSError as error:
-        silence_if_broken()
-        return _report_failure(program, f"error: {format_system_message(error)}")
+        mute_if_broken()
+        return _report_failure(program, f"error: {format_os_error(error)}")
     except VshError as error:
         return _report_failure(program, f"error: {error}")
     except KeyboardInterrupt as error:
@@ -140,13 +140,13 @@ class _LogHandler(logging.FileHandler):
 
     def handleError(self, record: logging.LogRecord) -> None:
         error = sys.exc_info()[1]
-        self.failed = self.failed or (format_system_message(error) if isinstance(error, OSError) else str(error))
+        self.failed = self.failed or (format_os_error(error) if isinstance(error, OSError) else str(error))
 
     def close(self) -> None:
         try:
             super().close()
         except OSError as error:
-            self.failed = self.failed or format_system_message(error)
+            self.failed = self.failed or format_os_error(error)
 
 
 def _check_log(options):
@@ -222,7 +222,7 @@ def _report_failure(program, reason):
 
 def print_text(text: object) -> None:
     """Print text without the control characters that file and column names may bring along."""
-    end_elapsed()
+    hide_elapsed_time()
     print("\n".join(printable(line) for line in hide_secrets(str(text)).split("\n")))
 
 

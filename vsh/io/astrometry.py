@@ -11,7 +11,7 @@ from vsh.io.catalogue import as_doubles, check_degrees
 from vsh.io.columns import missing_column, unit_factor
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools.errors import TableError
-from vsh.tools.files import check_new
+from vsh.tools.files import check_overwrite_allowed
 from vsh.tools.types import PathName
 from vsh.tools.units import DEGREE, MAS
 
@@ -233,7 +233,7 @@ def write_astrometry(
     overwrite : bool
         Whether a file that is there is replaced.
     """
-    check_new(path, overwrite)
+    check_overwrite_allowed(path, overwrite)
     is_measured = astrometry.measured
     sigma = np.sqrt(np.where(is_measured, np.diagonal(astrometry.covariance, axis1=1, axis2=2), np.nan))
     columns: dict[str, Any] = {

@@ -474,7 +474,7 @@ class Covariance(Frozen):
             scale = np.sqrt(np.outer(np.diag(matrix)[rows], np.diag(matrix)))
             if (np.abs(matrix[rows] - matrix[:, rows].T) > 1e-8 * scale + 1e-300).any():
                 raise ParameterError("the covariance is not symmetric")
-        self._set(matrix=matrix)
+        self._set_frozen(matrix=matrix)
 
     def __len__(self) -> int:
         return len(self.matrix) // 2

@@ -36,7 +36,7 @@ from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
 from vsh.tools.arguments import float_array, positive
 from vsh.tools.errors import ParameterError, TableError
-from vsh.tools.files import check_new, write_arrays
+from vsh.tools.files import check_overwrite_allowed, write_arrays
 from vsh.tools.notebook import Frozen, InNotebook
 from vsh.tools.printing import printable
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, PathName
@@ -128,7 +128,7 @@ class VelocityGrid(InNotebook):
         overwrite : bool
             Whether a file that is there is replaced.
         """
-        check_new(path, overwrite)
+        check_overwrite_allowed(path, overwrite)
         arrays = {"velocity": self.velocity, "half_width": self.half_width, "frame": np.array(self.frame)}
         write_arrays(path, arrays, compress=True, overwrite=overwrite)
 
@@ -210,7 +210,7 @@ class LinearTheory(Frozen):
             )
         if not (power > 0).all():
             raise ParameterError("the power of matter is above zero at every wave number")
-        self._set(k=k, power=power, growth_rate=positive("growth_rate", self.growth_rate))
+        self._set_frozen(k=k, power=power, growth_rate=positive("growth_rate", self.growth_rate))
 
     def __repr__(self) -> str:
         return f"<LinearTheory: {self.name}, {self.sigma:.0f} km/s in each component>"

@@ -10,7 +10,7 @@ import erfa
 import numpy as np
 
 from vsh.sky.sphere import angles, triad
-from vsh.tools.bad_rows import check_shapes, floats_or_nan
+from vsh.tools.bad_rows import check_column_shapes, floats_or_nan
 from vsh.tools.errors import EmptyFieldError, FieldError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes
@@ -257,8 +257,8 @@ class AstrometryRows(Frozen):
             is_displaced = np.asarray(self.displaced, bool)
         columns |= {"still": still, "displaced": is_displaced}
         shapes: dict[str, tuple[int, ...]] = {"motion": (2, n), "covariance": (n, 5, 5)}
-        check_shapes(columns, lambda column: shapes.get(column, (n,)))
-        self._set(**columns)
+        check_column_shapes(columns, lambda column: shapes.get(column, (n,)))
+        self._set_frozen(**columns)
         self._check_rows()
 
     def _check_rows(self):

@@ -11,7 +11,7 @@ import numpy as np
 
 from vsh.sky.sphere import angles, triad
 from vsh.tools.arguments import float_array
-from vsh.tools.bad_rows import check_columns
+from vsh.tools.bad_rows import check_source_columns
 from vsh.tools.errors import FieldError, FrameError, ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import BoolArray, FloatArray
@@ -196,10 +196,10 @@ class Positions(Frozen):
 
     def __post_init__(self) -> None:
         check_frame(self.frame)
-        self._set(**check_columns(self, ("lat", "sigma", "rho", "motion"), ("name", "defining")))
+        self._set_frozen(**check_source_columns(self, ("lat", "sigma", "rho", "motion"), ("name", "defining")))
         if self.covariance is not None:
             n = 2 * len(self)
-            self._set(covariance=float_array("the covariance of positions", self.covariance, (n, n)))
+            self._set_frozen(covariance=float_array("the covariance of positions", self.covariance, (n, n)))
 
     def __len__(self) -> int:
         return self.lon.size

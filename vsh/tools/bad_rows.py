@@ -24,7 +24,7 @@ SIGMA_RANGE = 1e-140, 1e140
 _DOUBLE = np.dtype(float)
 
 
-def as_floats(
+def as_floats_and_mask(
     column: str, value: Any, unit: Any = None, first_row: int | FloatArray = 0
 ) -> tuple[FloatArray, BoolArray]:
     """A column as doubles in native byte order, and the mask of what is missing; numbers may be written as text."""
@@ -44,27 +44,27 @@ def as_floats(
             raise FieldError(f"{column} cannot be converted to {unit}: {error}") from None
     if hasattr(value, "to_numpy") and not hasattr(value, "__array_interface__"):  # pandas' nullable columns
         value = value.to_numpy()
-    missing = np.ma.getmaskarray(value) if np.ma.isMaskedArray(value) else getattr(value, "mask", None)
+    is_missing = np.ma.getmaskarray(value) if np.ma.isMaskedArray(value) else getattr(value, "mask", None)
     array = np.asarray(np.ma.getdata(getattr(value, "unmasked", value)))
     if array.dtype.kind == "O":
-        none = np.array([x is None or type(x).__name__ == "NAType" for x in array.ravel()], bool).reshape(array.shape)
-        missing = none if missing is None else none | missing
-        array = np.where(missing, np.nan, array)
+        is_na = np.array([x is None or type(x).__name__ == "NAType" for x in array.ravel()], bool).reshape(array.shape)
+        is_missing = is_na if is_missing is None else is_na | is_missing
+        array = np.where(is_missing, np.nan, array)
     if array.dtype.kind not in "OiufUS":
         raise FieldError(f"{column} holds {array.dtype.name}, not real numbers")
     if array.dtype.kind in "OUS":
-        array = _parse_numbers(column, array if missing is None else np.where(missing, "", array), first_row)
+        array = _parse_number_texts(column, array if is_missing is None else np.where(is_missing, "", array), first_row)
     try:
         floats = np.ascontiguousarray(array, dtype=float)
     except (TypeError, ValueError) as error:
         raise FieldError(f"{column} must be a column of numbers: {error}") from None
-    return floats, _make_false_mask(floats.shape) if missing is None else np.broadcast_to(missing, floats.shape)
+    return floats, _make_false_mask(floats.shape) if is_missing is None else np.broadcast_to(is_missing, floats.shape)
 
 
 def floats_or_nan(column: str, value: Any) -> FloatArray:
     """A column as doubles, nan where they are missing."""
-    values, missing = as_floats(column, value)
-    return np.where(missing, np.nan, values) if missing.any() else values
+    values, is_missing = as_floats_and_mask(column, value)
+    return np.where(is_missing, np.nan, values) if is_missing.any() else values
 
 
 @lru_cache(maxsize=16)
@@ -73,12 +73,12 @@ def _make_false_mask(shape):
     return np.broadcast_to(False, shape)
 
 
-def check_shapes(columns: Mapping[str, FloatArray], expected: Callable[[str], tuple[int, ...]]) -> None:
+def check_column_shapes(columns: Mapping[str, FloatArray], expected_shape: Callable[[str], tuple[int, ...]]) -> None:
     """Raise FieldError for the first column whose shape is not expected(column)."""
     for column, array in columns.items():
-        if array.shape != expected(column):
+        if array.shape != expected_shape(column):
             raise FieldError(
-                f"{column} has shape {array.shape}, expected {expected(column)}: one value for each source"
+                f"{column} has shape {array.shape}, expected {expected_shape(column)}: one value for each source"
             )
 
 
@@ -88,16 +88,16 @@ def find_bad_rows(
     motion: FloatArray,
     sigma: FloatArray,
     rho: FloatArray,
-    further: Mapping[str, BoolArray] | None = None,
-    placeholders: BoolArray | None = None,
+    further_reasons: Mapping[str, BoolArray] | None = None,
+    is_placeholder: BoolArray | None = None,
     turns: int = 2,
-    what: str = "proper motion",
+    label: str = "proper motion",
     spans: Mapping[str, Span] | None = None,
 ) -> dict[str, BoolArray]:
     """Reasons why sources cannot be used, the first of a source being the one that counts; `spans` of the arrays where
     they are known."""
-    reasons: dict[str, Any] = dict(further or {})
-    masks = [*reasons.values(), *([] if placeholders is None else [placeholders])]
+    reasons: dict[str, Any] = dict(further_reasons or {})
+    masks = [*reasons.values(), *([] if is_placeholder is None else [is_placeholder])]
     limits = {
         "sigma": (sigma, *SIGMA_RANGE),
         "motion": (motion, -SIGMA_RANGE[1], SIGMA_RANGE[1]),
@@ -106,22 +106,22 @@ def find_bad_rows(
         "lon": (lon, -2 * np.pi * turns, 2 * np.pi * turns),
     }
     column_spans = {} if spans is None else spans
-    if not any(_has_marked(mask) for mask in masks) and all(
+    if not any(_has_marked_row(mask) for mask in masks) and all(
         is_within(column_spans.get(name) or span_of(values), lower, upper)
         for name, (values, lower, upper) in limits.items()
     ):
         return {}
-    if placeholders is not None:
-        reasons[PLACEHOLDER] = placeholders | reasons.get(PLACEHOLDER, False)
+    if is_placeholder is not None:
+        reasons[PLACEHOLDER] = is_placeholder | reasons.get(PLACEHOLDER, False)
     return reasons | {
         "position not finite": ~(np.isfinite(lon) & np.isfinite(lat)),
-        f"{what} not finite": ~np.isfinite(motion).all(0),
+        f"{label} not finite": ~np.isfinite(motion).all(0),
         "error not finite": ~np.isfinite(sigma).all(0),
         "correlation not finite": ~np.isfinite(rho),
         "σ ≤ 0": ~(sigma > 0).all(0),
         "σ too small for a number": ~(sigma > SIGMA_RANGE[0]).all(0),
         "σ too large for a number": ~(sigma < SIGMA_RANGE[1]).all(0),
-        f"{what} too large for a number": ~(np.abs(motion) < SIGMA_RANGE[1]).all(0),
+        f"{label} too large for a number": ~(np.abs(motion) < SIGMA_RANGE[1]).all(0),
         "ρ² ≥ 1 − 1e-6": ~(rho * rho < RHO2_LIMIT),
         "|dec| > 90°": ~(np.abs(lat) <= np.pi / 2 * (1 + 1e-14)),
         f"ra outside −{360 * turns}° … {360 * turns}°": ~(np.abs(lon) <= 2 * np.pi * turns * (1 + 1e-14)),
@@ -139,14 +139,14 @@ def joint_span(spans: Mapping[str, Span], names: Sequence[str], factor: float) -
     return float(lower.min()), float(upper.max())
 
 
-def _has_marked(mask):
+def _has_marked_row(mask):
     """Return whether a mask marks any row; where one number stands for all, it is looked at once."""
     return bool(mask[:1].any() if mask.strides == (0,) else mask.any())
 
 
-def is_within(span: Span, low: float, high: float) -> bool:
+def is_within(span: Span, lower: float, upper: float) -> bool:
     """Return whether all values lie between two limits; not where one is not a number."""
-    return bool(span[0] > low and span[1] < high)
+    return bool(span[0] > lower and span[1] < upper)
 
 
 #: What catalogues write where they have no value; no motion and no error is exactly one of these.
@@ -174,9 +174,9 @@ def find_placeholder_rows(columns: Mapping[str, FloatArray], spans: Mapping[str,
             is_large = np.abs(values) >= _PLACEHOLDER_VALUES[0]
             if is_large.any():
                 is_placeholder[is_large] |= np.isin(np.abs(values[is_large]), _PLACEHOLDER_VALUES)
-        is_equal = columns["pmra"] == columns["pmdec"]
-    if is_equal.any():
-        is_placeholder[is_equal] |= np.isin(columns["pmra"][is_equal], _DOUBTFUL)
+        has_equal_components = columns["pmra"] == columns["pmdec"]
+    if has_equal_components.any():
+        is_placeholder[has_equal_components] |= np.isin(columns["pmra"][has_equal_components], _DOUBTFUL)
     return is_placeholder
 
 
@@ -208,72 +208,72 @@ def doubtful_motion_notes(
     has_doubtful = odd.any(0)
     if not has_doubtful.any():
         return ()
-    doubtful = np.unique(np.concatenate([columns[name][mask] for name, mask in zip(("pmra", "pmdec"), odd)]))
-    examples = ", ".join(f"{value:g}" for value in doubtful[:4])
-    count = f"{has_doubtful.sum()} row{' has' if has_doubtful.sum() == 1 else 's have'}"
+    doubtful_values = np.unique(np.concatenate([columns[name][mask] for name, mask in zip(("pmra", "pmdec"), odd)]))
+    examples = ", ".join(f"{value:g}" for value in doubtful_values[:4])
+    count_text = f"{has_doubtful.sum()} row{' has' if has_doubtful.sum() == 1 else 's have'}"
     first_row = has_doubtful.argmax() if row_numbers is None else np.asarray(row_numbers)[has_doubtful.argmax()]
     message = (
-        f"warning: {count} a motion of {examples} in one component: a mark of missing values? It is used (first: "
+        f"warning: {count_text} a motion of {examples} in one component: a mark of missing values? It is used (first: "
         f"row {first_row}); leave such rows out with --where"
     )
     return (CodedNote(message, DOUBT),)
 
 
-def check_columns(noun: Any, floats: Sequence[str], others: Sequence[str]) -> dict[str, FloatArray]:
+def check_source_columns(noun: Any, float_names: Sequence[str], other_names: Sequence[str]) -> dict[str, FloatArray]:
     """Check the arrays of a noun with one entry a source (lon, lat, motion, sigma, rho, …), and return them by name."""
     for column in ("lon", "lat", "sigma", *({"motion"} if hasattr(noun, "magnitude") else ())):
         if getattr(noun, column) is None:
             raise FieldError(f"{column} is missing")
-    lon = as_floats("lon", noun.lon)[0]
+    lon = as_floats_and_mask("lon", noun.lon)[0]
     arrays = {"rho": np.zeros(lon.shape)}
-    for column in ("lon", *floats):
+    for column in ("lon", *float_names):
         if getattr(noun, column) is not None:
             arrays[column] = floats_or_nan(column, getattr(noun, column))
-    for column in others:
+    for column in other_names:
         if getattr(noun, column) is not None:
             arrays[column] = np.asarray(getattr(noun, column))
     shapes = {"motion": (2, lon.size), "sigma": (2, lon.size)}
-    check_shapes(arrays, lambda column: shapes.get(column, (lon.size,)))
+    check_column_shapes(arrays, lambda column: shapes.get(column, (lon.size,)))
     motion = arrays.get("motion", np.zeros((2, lon.size)))
-    select_usable(find_bad_rows(arrays["lon"], arrays["lat"], motion, arrays["sigma"], arrays["rho"]), lon.size)
+    select_usable_rows(find_bad_rows(arrays["lon"], arrays["lat"], motion, arrays["sigma"], arrays["rho"]), lon.size)
     return arrays
 
 
-def select_usable(
+def select_usable_rows(
     invalid: Mapping[str, BoolArray],
     n: int,
     on_bad: OnBad = "raise",
     first_row: int = 0,
-    mark: Sequence[FloatArray] = (),
-    aside: Mapping[str, BoolArray] | None = None,
+    identifying_arrays: Sequence[FloatArray] = (),
+    set_aside: Mapping[str, BoolArray] | None = None,
 ) -> tuple[Any, tuple[str, ...]]:
-    """The sources to keep, and a note about the others; those set `aside` are no error, whatever `on_bad` is."""
+    """The sources to keep, and a note about the others; those `set_aside` are no error, whatever `on_bad` is."""
     if n == 0:
         raise EmptyFieldError("the catalogue is empty: there are no sources to use")
     # A row is counted once, for the first of its reasons.
-    is_bad, reasons = np.zeros(n, bool), {**(aside or {}), **invalid}
+    is_bad, reasons = np.zeros(n, bool), {**(set_aside or {}), **invalid}
     for reason, mask in reasons.items():
         reasons[reason] = mask & ~is_bad
         is_bad |= mask
     has_invalid = any(reasons[reason].any() for reason in invalid)
-    invalid = {reason: mask for reason, mask in reasons.items() if mask.any()}
-    count = int(is_bad.sum())
-    if not count:
+    row_masks = {reason: mask for reason, mask in reasons.items() if mask.any()}
+    n_bad = int(is_bad.sum())
+    if not n_bad:
         return slice(None), ()
-    counts = {reason: int(mask.sum()) for reason, mask in invalid.items()}
-    note = DroppedRows.of_table(counts, n, np.packbits(is_bad), *mark)
-    if count == n:
-        error = EmptyFieldError(f"{_describe_rows(invalid, n, first_row)}. No row is left")
+    counts_by_reason = {reason: int(mask.sum()) for reason, mask in row_masks.items()}
+    note = DroppedRows.of_table(counts_by_reason, n, np.packbits(is_bad), *identifying_arrays)
+    if n_bad == n:
+        error = EmptyFieldError(f"{_describe_unusable_rows(row_masks, n, first_row)}. No row is left")
         error.notes = (note,)
         raise error
     if on_bad == "raise" and has_invalid:
-        wrong_rows = {reason: mask for reason, mask in invalid.items() if reason not in (aside or {})}
+        invalid_masks = {reason: mask for reason, mask in row_masks.items() if reason not in (set_aside or {})}
         remedy = 'Fix them, or leave them out with on_bad="drop" (--on-bad drop)'
-        raise FieldError(f"{_describe_rows(wrong_rows, n, first_row)}; rows are counted from 0. {remedy}")
+        raise FieldError(f"{_describe_unusable_rows(invalid_masks, n, first_row)}; rows are counted from 0. {remedy}")
     return ~is_bad, (note,)
 
 
-def _describe_rows(masks, n, first_row):
+def _describe_unusable_rows(masks, n, first_row):
     details = "; ".join(
         f"{reason}: {mask.sum()} ({_format_row_numbers(mask, first_row)})" for reason, mask in masks.items()
     )
@@ -295,15 +295,15 @@ def row_numbers(rows: Any, first_row: Any) -> Any:
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|nan|", re.IGNORECASE)
 
 
-def _parse_numbers(column, array, first_row):
+def _parse_number_texts(column, array, first_row):
     """An array whose texts are numbers, with a minus or an exponent as they may be written; blank ones are nan."""
-    parsed, texts = array.astype(object), {}
+    parsed_values, texts = array.astype(object), {}
     for row, entry in enumerate(array.ravel()):
         if isinstance(entry, (str, bytes)):
             text = (entry.decode("utf-8", "replace") if isinstance(entry, bytes) else str(entry)).strip()
-            number = text.replace("\u2212", "-")
-            if _NUMBER.fullmatch(number):
-                parsed.flat[row] = float(re.sub("[dD]", "e", number) or "nan")
+            number_text = text.replace("\u2212", "-")
+            if _NUMBER.fullmatch(number_text):
+                parsed_values.flat[row] = float(re.sub("[dD]", "e", number_text) or "nan")
             else:
                 texts[row] = text
     if texts:
@@ -315,10 +315,10 @@ def _parse_numbers(column, array, first_row):
             f"{column} holds text ({quoted!r} in row {row_number}, counted from 0{more}); it must "
             f"be a column of numbers: correct them, or leave them out by {remedy}"
         )
-    return parsed
+    return parsed_values
 
 
-def check_measurements(noun: Any) -> None:
+def check_distances_and_errors(noun: Any) -> None:
     """Raise FieldError where distances, or errors of redshifts, distances or parallaxes, cannot be used."""
     for column in ("redshift_error", "distance", "distance_error", "parallax_error"):
         values = getattr(noun, column)

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 
-def decimals_of_error(sigma: Any) -> int:
+def decimals_of_error(errors: Any) -> int:
     """Decimals by which the smallest error has two digits, 0 to 6."""
-    least = np.min(sigma, initial=np.inf, where=np.asarray(sigma) > 0)
-    return int(np.clip(1 - np.floor(np.log10(least)), 0, 6)) if np.isfinite(least) else 3
+    smallest_error = np.min(errors, initial=np.inf, where=np.asarray(errors) > 0)
+    return int(np.clip(1 - np.floor(np.log10(smallest_error)), 0, 6)) if np.isfinite(smallest_error) else 3
 
 
 def format_with_error(value: Any, error: Any, sign: str = "") -> str:
@@ -19,18 +19,18 @@ def format_with_error(value: Any, error: Any, sign: str = "") -> str:
         return format_to_error_digits(value, error)
     if not 1e-6 < error < 1e6:
         return f"{value:{sign}.5g} ± {error:.2g}"
-    digits = decimals_of_error(error)
-    return f"{value:{sign}z.{digits}f} ± {error:.{digits}f}"
+    decimals = decimals_of_error(error)
+    return f"{value:{sign}z.{decimals}f} ± {error:.{decimals}f}"
 
 
-def format_values(values: Iterable[float], sigmas: Any) -> tuple[str, ...]:
+def format_values(values: Iterable[float], errors: Any) -> tuple[str, ...]:
     """Values with their errors, all with the decimals of the smallest error; an error alone where a value is nan."""
-    if np.isnan(sigmas).all():  # errors are not known
+    if np.isnan(errors).all():  # errors are not known
         return tuple(f"{v:+.4g}" for v in values)
-    if not 1e-6 < np.nanmax(sigmas) < 1e6:
-        return tuple(f"{v:+.5g} ± {s:.2g}" for v, s in zip(values, sigmas, strict=True))
-    digits, pairs = decimals_of_error(sigmas), zip(values, sigmas, strict=True)
-    return tuple(f"± {s:.{digits}f}" if np.isnan(v) else f"{v:+z.{digits}f} ± {s:.{digits}f}" for v, s in pairs)
+    if not 1e-6 < np.nanmax(errors) < 1e6:
+        return tuple(f"{v:+.5g} ± {s:.2g}" for v, s in zip(values, errors, strict=True))
+    decimals, pairs = decimals_of_error(errors), zip(values, errors, strict=True)
+    return tuple(f"± {s:.{decimals}f}" if np.isnan(v) else f"{v:+z.{decimals}f} ± {s:.{decimals}f}" for v, s in pairs)
 
 
 def format_to_error_digits(value: Any, error: Any) -> str:

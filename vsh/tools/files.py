@@ -31,8 +31,8 @@ import numpy as np
 import vsh
 from vsh.sky.frames import AXES, FRAME_KEY, MEASURED_KEY, REDSHIFT_FRAME_COLUMN, REDSHIFT_FRAME_KEY
 from vsh.tools.errors import ParameterError, TableError, WriteError
-from vsh.tools.formats import BY_KIND, PACKED, WRITTEN, column_of
-from vsh.tools.parallel import set_meanwhile
+from vsh.tools.formats import BY_KIND, PACKED, WRITTEN, find_column_meaning
+from vsh.tools.parallel import set_variable_meanwhile
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, PathName, Table
 
@@ -41,7 +41,7 @@ _SKY_COLUMNS = ("lon", "lat", "ra0", "dec0", *(name for names in AXES.values() f
 _SKY_COLUMNS += tuple(f"{name}_error" for names in AXES.values() for name in names[2:])
 _TIME_COLUMNS = ("obs_time_tcb",)
 #: IVOA's names of the frames (COOSYS of VOTable 1.4), and the Julian date (TCB) that DR4's times are counted from.
-_SYSTEMS = {"icrs": "ICRS", "galactic": "galactic", "ecliptic": "ecl_FK5"}
+_IVOA_FRAMES = {"icrs": "ICRS", "galactic": "galactic", "ecliptic": "ecl_FK5"}
 _DR4_ORIGIN = 2455197.5
 _UCD_OF_FRAME = {
     "galactic": {"pos.eq.ra": "pos.galactic.lon", "pos.eq.dec": "pos.galactic.lat"},
@@ -50,7 +50,7 @@ _UCD_OF_FRAME = {
 #: What the epoch of positions is called in metadata.
 _EPOCH_KEYS = ("REFEPOCH", "REF_EPOCH", "EPOCH")
 #: Names within the file that no column and no parameter has.
-_FRAME, _TIME = "vsh_frame", "vsh_time"
+_FRAME_ID, _TIME_ID = "vsh_frame", "vsh_time"
 
 
 def write_votable(table: Table, path: Path) -> None:
@@ -60,27 +60,27 @@ def write_votable(table: Table, path: Path) -> None:
 
     document = from_table(table)
     document.version = "1.4"
-    element = document.get_first_table()
-    for field in element.fields:
-        column = column_of(str(field.name), field.unit)
-        field.ucd = column and column.ucd
+    table_node = document.get_first_table()
+    for field in table_node.fields:
+        column_meaning = find_column_meaning(str(field.name), field.unit)
+        field.ucd = column_meaning and column_meaning.ucd
         field.unit = _convert_to_vounit(field.unit)
         if field.arraysize == "1" and field.datatype in ("char", "unicodeChar"):
             field.arraysize = "*"  # a single character has no array size since erratum 3 of VOTable 1.3
-    _add_frame_and_time_scale(document, element, table.meta)
+    _add_frame_and_time_scale(document, table_node, table.meta)
     for key, value in table.meta.items():
-        options = {"datatype": "unicodeChar", "arraysize": "*"}
+        type_options = {"datatype": "unicodeChar", "arraysize": "*"}
         if isinstance(value, (list, tuple, dict)):
             value = json.dumps(value, ensure_ascii=False, default=str)
         elif isinstance(value, (int, np.integer)) and not isinstance(value, bool) and abs(int(value)) < 2**63:
-            options = {"datatype": "long"}
+            type_options = {"datatype": "long"}
         elif isinstance(value, (float, np.floating)):
-            options = {"datatype": "double"}
+            type_options = {"datatype": "double"}
         elif value is None:
             continue
         else:
             value = str(value)
-        element.params.append(Param(document, name=key, value=value, **options))
+        table_node.params.append(Param(document, name=key, value=value, **type_options))
     # The compiled writer writes beyond its buffer where the text of a row just fills it (astropy issue 20419).
     document.to_xml(str(path), _debug_python_based_parser=True)
     if not len(table):  # astropy leaves the data out; STILTS then finds no table
@@ -98,34 +98,34 @@ def _convert_to_vounit(unit):
     return CompositeUnit(unit.scale, bases, unit.powers)
 
 
-def _add_frame_and_time_scale(document, element, meta):
+def _add_frame_and_time_scale(document, table_node, meta):
     """State the coordinate frame, its epoch where it is known, and the time scale of a VOTable."""
     from astropy.io.votable.tree import CooSys, TimeSys
 
     resource = document.resources[0]
     # `l` is a degree as well as a longitude: its UCD says which.
-    sky_columns = [column for column in element.fields if column.name in _SKY_COLUMNS and "pos." in str(column.ucd)]
+    sky_columns = [column for column in table_node.fields if column.name in _SKY_COLUMNS and "pos." in str(column.ucd)]
     metadata = {str(key).upper(): value for key, value in meta.items()}
     if sky_columns:
         epoch = next((metadata[key] for key in _EPOCH_KEYS if metadata.get(key)), None)
-        system = _SYSTEMS.get(str(metadata.get("FRAME", "icrs")).lower(), "ICRS")
-        options = {}
+        system = _IVOA_FRAMES.get(str(metadata.get("FRAME", "icrs")).lower(), "ICRS")
+        epoch_option = {}
         with suppress(TypeError, ValueError):  # none, or no number
-            options = {"epoch": f"J{float(str(epoch)):.3f}"}
+            epoch_option = {"epoch": f"J{float(str(epoch)):.3f}"}
         config = {"version_1_2_or_later": True, "version_1_4_or_later": True}
-        resource.coordinate_systems.append(CooSys(ID=_FRAME, system=system, config=config, **options))
-        axes = _UCD_OF_FRAME.get(system, {})
+        resource.coordinate_systems.append(CooSys(ID=_FRAME_ID, system=system, config=config, **epoch_option))
+        frame_ucds = _UCD_OF_FRAME.get(system, {})
         for column in sky_columns:
-            column.ref = _FRAME
-            for equatorial, frame_ucd in axes.items():
-                column.ucd = column.ucd and column.ucd.replace(equatorial, frame_ucd)
-    time_columns = [column for column in element.fields if column.name in _TIME_COLUMNS]
+            column.ref = _FRAME_ID
+            for equatorial_ucd, frame_ucd in frame_ucds.items():
+                column.ucd = column.ucd and column.ucd.replace(equatorial_ucd, frame_ucd)
+    time_columns = [column for column in table_node.fields if column.name in _TIME_COLUMNS]
     if time_columns:
         config = {"version_1_4_or_later": True}
-        resource.time_systems.append(TimeSys(ID=_TIME, timeorigin=_DR4_ORIGIN, timescale="TCB",
+        resource.time_systems.append(TimeSys(ID=_TIME_ID, timeorigin=_DR4_ORIGIN, timescale="TCB",
                                              refposition="TOPOCENTER", config=config))  # fmt: skip
         for column in time_columns:
-            column.ref = _TIME
+            column.ref = _TIME_ID
 
 
 if os.name == "posix":
@@ -146,7 +146,7 @@ _MAX_AGE = 86400
 _LOCK = f"{UNFINISHED}lock-"
 
 
-def check_new(path: PathName, overwrite: bool) -> None:
+def check_overwrite_allowed(path: PathName, overwrite: bool) -> None:
     """Raise WriteError where a file is there that nobody asked to replace."""
     if os.path.lexists(path) and not overwrite:
         raise WriteError(f"{printable(path)} exists already: overwrite=True replaces it, or name another file")
@@ -162,18 +162,18 @@ def atomic_write(path: PathName, overwrite: bool = False) -> Iterator[Path]:
     """
     path = Path(os.path.realpath(path))
     check_not_read(path)
-    check_new(path, overwrite)
-    _remove_abandoned(path)
-    handle, name = tempfile.mkstemp(prefix=_make_prefix(), suffix=f"-{path.name[-100:]}", dir=path.parent)
-    os.close(handle)
-    temporary_path = Path(name)
+    check_overwrite_allowed(path, overwrite)
+    _remove_abandoned_writes(path)
+    descriptor, temporary_name = tempfile.mkstemp(prefix=_make_prefix(), suffix=f"-{path.name[-100:]}", dir=path.parent)
+    os.close(descriptor)
+    temporary_path = Path(temporary_name)
     try:
         yield temporary_path
         with temporary_path.open("rb") as file:
             os.fsync(file.fileno())  # else a power cut could leave an empty file under the name
         os.chmod(temporary_path, _find_permissions(path))
-        if overwrite or not _link_new(temporary_path, path):
-            check_new(path, overwrite)
+        if overwrite or not _try_link_new(temporary_path, path):
+            check_overwrite_allowed(path, overwrite)
             os.replace(temporary_path, path)
         if UNFINISHED not in str(path):  # of a folder the whole is told
             _LOG.info("written: %s", path)
@@ -181,12 +181,12 @@ def atomic_write(path: PathName, overwrite: bool = False) -> Iterator[Path]:
         temporary_path.unlink(missing_ok=True)
 
 
-def _link_new(temporary_path, path):
+def _try_link_new(temporary_path, path):
     """Give a file its name where no other has it; False where the system cannot."""
     try:
         os.link(temporary_path, path)
     except FileExistsError:
-        check_new(path, overwrite=False)
+        check_overwrite_allowed(path, overwrite=False)
         raise
     except OSError:
         return False
@@ -207,9 +207,9 @@ def file_stamp(path: PathName) -> tuple[int, int]:
     return status.st_size, status.st_mtime_ns
 
 
-def check_unchanged(label: PathName, record: Any, now: Any) -> None:
+def check_unchanged(label: PathName, opened_stamp: Any, current_stamp: Any) -> None:
     """Raise TableError where a file is not the one that was opened: numbers of two catalogues would be added up."""
-    if now != record:
+    if current_stamp != opened_stamp:
         raise TableError(f"{printable(label)} changed since it was opened: start again, when nobody writes to it")
 
 
@@ -217,12 +217,12 @@ def check_unchanged(label: PathName, record: Any, now: Any) -> None:
 _MAX_PACKING, _SMALL_SIZE = 200, 2**26
 
 
-def check_unpacked_size(label: str, n_bytes: float, size: int) -> None:
+def check_unpacked_size(label: str, unpacked_bytes: float, file_bytes: int) -> None:
     """Raise TableError where a file says of itself that it holds much more than a catalogue could be packed into it."""
-    if n_bytes > max(_MAX_PACKING * size, _SMALL_SIZE):
+    if unpacked_bytes > max(_MAX_PACKING * file_bytes, _SMALL_SIZE):
         raise TableError(
-            f"{label} would be {n_bytes / 2**30:.2g} GiB or more, from a file of {size} bytes: measured numbers do not "
-            "pack so tightly, so it is damaged, or no catalogue"
+            f"{label} would be {unpacked_bytes / 2**30:.2g} GiB or more, from a file of {file_bytes} bytes: measured "
+            "numbers do not pack so tightly, so it is damaged, or no catalogue"
         )
 
 
@@ -238,26 +238,26 @@ def digest(path: PathName) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def digest_of(things: Iterable[Any]) -> str:
+def digest_values(values: Iterable[Any]) -> str:
     """A hash of arrays and plain values."""
-    digest = hashlib.sha256()
-    for value in things:
-        digest.update(np.ascontiguousarray(value).tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
-    return digest.hexdigest()
+    hasher = hashlib.sha256()
+    for item in values:
+        hasher.update(np.ascontiguousarray(item).tobytes() if isinstance(item, np.ndarray) else repr(item).encode())
+    return hasher.hexdigest()
 
 
 def protect_files(paths: Iterable[PathName]) -> AbstractContextManager[None]:
     """Meanwhile nothing is written to these files, into these folders, nor to a folder with one of them in it."""
-    return set_meanwhile(_PROTECTED, _PROTECTED.get() | {Path(os.path.realpath(path)) for path in paths})
+    return set_variable_meanwhile(_PROTECTED, _PROTECTED.get() | {Path(os.path.realpath(path)) for path in paths})
 
 
 def check_not_read(path: PathName, label: str | None = None) -> None:
     """Raise WriteError where a path is, holds or lies in what the run reads."""
     path = Path(os.path.realpath(path))
-    for source in _PROTECTED.get():
-        if path == source or path in source.parents or (source in path.parents and source.is_dir()):
-            relation = "is" if path == source else "lies in" if source in path.parents else "holds"
-            raise WriteError(f"{label or path.name} {relation} what is read, {source.name}: name another place")
+    for read_path in _PROTECTED.get():
+        if path == read_path or path in read_path.parents or (read_path in path.parents and read_path.is_dir()):
+            relation = "is" if path == read_path else "lies in" if read_path in path.parents else "holds"
+            raise WriteError(f"{label or path.name} {relation} what is read, {read_path.name}: name another place")
 
 
 @contextmanager
@@ -269,20 +269,20 @@ def hold_lock(path: PathName) -> Iterator[None]:
         return
     lock_path = path.with_name(f"{_LOCK}{path.name[-100:]}")
     while True:
-        handle = os.open(lock_path, os.O_RDWR | os.O_CREAT, 0o666)
+        descriptor = os.open(lock_path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            os.close(handle)
+            os.close(descriptor)
             raise WriteError(f"another process is writing {path.name}: wait for it, or name another") from None
-        if os.path.exists(lock_path) and os.path.samestat(os.fstat(handle), os.stat(lock_path)):
+        if os.path.exists(lock_path) and os.path.samestat(os.fstat(descriptor), os.stat(lock_path)):
             break
-        os.close(handle)  # whoever held it took its name away
+        os.close(descriptor)  # whoever held it took its name away
     try:
         yield
     finally:
         lock_path.unlink(missing_ok=True)
-        os.close(handle)
+        os.close(descriptor)
 
 
 def write_arrays(path: PathName, arrays: Mapping[str, Any], *, compress: bool = False, overwrite: bool = False) -> None:
@@ -292,29 +292,29 @@ def write_arrays(path: PathName, arrays: Mapping[str, Any], *, compress: bool = 
         save(file, **arrays)
 
 
-def scratch_array(folder: PathName | None, shape: tuple[int, ...]) -> FloatArray:
+def make_scratch_array(folder: PathName | None, shape: tuple[int, ...]) -> FloatArray:
     """Zeros in memory; or, in a folder, in a file without a name that goes with the array.
 
     The room is taken at once: a disk that is full says so here, and not by a signal when the array is written to.
     """
     if folder is None:
         return np.zeros(shape)
-    size = 8 * int(np.prod(shape))
+    n_bytes = 8 * int(np.prod(shape))
     with tempfile.TemporaryFile(dir=folder, prefix=UNFINISHED) as file:
-        if size and hasattr(os, "posix_fallocate"):
-            os.posix_fallocate(file.fileno(), 0, size)
-        return np.memmap(file, float, "w+", shape=shape) if size else np.zeros(shape)
+        if n_bytes and hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(file.fileno(), 0, n_bytes)
+        return np.memmap(file, float, "w+", shape=shape) if n_bytes else np.zeros(shape)
 
 
 def read_arrays(path: PathName) -> dict[str, Any]:
     """The arrays by name of a file of `write_arrays`; whatever NumPy raises on a damaged one."""
     with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-        size = sum(each.file_size for each in file.zip.infolist()) if hasattr(file, "zip") else 0
-        check_unpacked_size(printable(path), size, Path(path).stat().st_size)
+        unpacked_bytes = sum(member.file_size for member in file.zip.infolist()) if hasattr(file, "zip") else 0
+        check_unpacked_size(printable(path), unpacked_bytes, Path(path).stat().st_size)
         return dict(file.items())
 
 
-def remove_unfinished(folder: PathName) -> None:
+def remove_unfinished_files(folder: PathName) -> None:
     """Remove what killed writers left in a folder and below: files by the names that only `atomic_write` gives."""
     for file in Path(folder).rglob(f"{UNFINISHED}*"):
         if file.is_file() and not file.is_symlink() and not file.name.startswith(_LOCK):
@@ -326,7 +326,7 @@ def atomic_folder(path: PathName) -> Iterator[Path]:
     """A new, empty folder that takes the place of `path` once complete; killed, the old one or the new is there."""
     path = Path(os.path.realpath(path))
     check_not_read(path)
-    _remove_abandoned(path)
+    _remove_abandoned_writes(path)
     temporary_path = Path(tempfile.mkdtemp(prefix=_make_prefix(), suffix=f"-{path.name[-100:]}", dir=path.parent))
     try:
         yield temporary_path
@@ -343,11 +343,11 @@ def atomic_folder(path: PathName) -> Iterator[Path]:
 def _exchange_folders(temporary_path, path):
     """Let two folders change names, in one step where the system can."""
     libc = ctypes.CDLL(None, use_errno=True)
-    names = os.fsencode(temporary_path), os.fsencode(path)
+    encoded_paths = os.fsencode(temporary_path), os.fsencode(path)
     if hasattr(libc, "renameat2"):  # Linux: AT_FDCWD, RENAME_EXCHANGE
-        if libc.renameat2(-100, names[0], -100, names[1], 2) == 0:
+        if libc.renameat2(-100, encoded_paths[0], -100, encoded_paths[1], 2) == 0:
             return
-    elif hasattr(libc, "renamex_np") and libc.renamex_np(*names, 2) == 0:  # macOS: RENAME_SWAP
+    elif hasattr(libc, "renamex_np") and libc.renamex_np(*encoded_paths, 2) == 0:  # macOS: RENAME_SWAP
         return
     backup = path.with_name(f"{temporary_path.name}-old")  # elsewhere, in two steps
     os.replace(path, backup)
@@ -355,7 +355,7 @@ def _exchange_folders(temporary_path, path):
     shutil.rmtree(backup, ignore_errors=True)
 
 
-def _remove_abandoned(path):
+def _remove_abandoned_writes(path):
     """Remove what killed writers of this file or folder left beside it: of this machine, or a day ago and earlier."""
     for candidate in path.parent.glob(f"{UNFINISHED}*-{glob.escape(path.name[-100:])}"):
         if candidate.name.startswith(_LOCK):
@@ -363,14 +363,14 @@ def _remove_abandoned(path):
         machine, _, remainder = candidate.name.removeprefix(UNFINISHED).partition("-")
         try:
             age = time.time() - candidate.stat().st_mtime
-            if candidate.is_symlink() or not (_has_ended(machine, remainder.partition("-")[0]) or age > _MAX_AGE):
+            if candidate.is_symlink() or not (_is_process_gone(machine, remainder.partition("-")[0]) or age > _MAX_AGE):
                 continue
             shutil.rmtree(candidate) if candidate.is_dir() else candidate.unlink()
         except OSError:
             continue
 
 
-def _has_ended(machine, process_id):
+def _is_process_gone(machine, process_id):
     """Return whether the process of this number was one of this machine, and has ended."""
     if machine != _MACHINE or not process_id.isdecimal() or os.name != "posix":
         return False
@@ -401,19 +401,19 @@ def _read_umask():
 CREATOR, RESULT_MARK = "CREATOR", "RESULT"
 
 
-def format_of(path: PathName, known: Mapping[str, str] = WRITTEN) -> str:
+def format_of(path: PathName, formats_by_ending: Mapping[str, str] = WRITTEN) -> str:
     """Return astropy's name of the format of a file name extension; raise TableError if it is unknown."""
     path = Path(path)
     suffixes = [suffix.lower() for suffix in path.suffixes]
-    compressions = PACKED[:1] if known is WRITTEN else PACKED
+    compressions = PACKED[:1] if formats_by_ending is WRITTEN else PACKED
     if suffixes and suffixes[-1] in compressions:
         suffixes.pop()
-    if not suffixes or suffixes[-1] not in known:
+    if not suffixes or suffixes[-1] not in formats_by_ending:
         raise TableError(
-            f"{printable(path)}: unrecognised format. Known endings: {', '.join(known)}, each also with "
+            f"{printable(path)}: unrecognised format. Known endings: {', '.join(formats_by_ending)}, each also with "
             f"{', '.join(compressions)}"
         )
-    return known[suffixes[-1]]
+    return formats_by_ending[suffixes[-1]]
 
 
 def table_of(
@@ -428,9 +428,9 @@ def table_of(
     return table
 
 
-def table_of_rows(heads: Sequence[str], rows: Sequence[Sequence[Any]], *meta_and_units: Any) -> Table:
+def table_of_rows(column_names: Sequence[str], rows: Sequence[Sequence[Any]], *meta_and_units: Any) -> Table:
     """Return an astropy Table of rows under heads, with metadata and units as of `table_of`."""
-    return table_of({name: [row[k] for row in rows] for k, name in enumerate(heads)}, *meta_and_units)
+    return table_of({name: [row[k] for row in rows] for k, name in enumerate(column_names)}, *meta_and_units)
 
 
 def write_columns(
@@ -456,10 +456,10 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
     table.meta = type(table.meta)(_convert_to_plain_types(metadata | (meta or {})))
     for name in table.colnames:
         info = table[name].info
-        if not info.description and (column := column_of(name, info.unit)):
-            info.description = column.meaning
+        if not info.description and (column_meaning := find_column_meaning(name, info.unit)):
+            info.description = column_meaning.meaning
     format_name = format_of(path)
-    _fit_to_format(table, format_name, path)
+    _adapt_to_format(table, format_name, path)
     with atomic_write(path, overwrite) as temporary_path, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # astropy warns about units that a format spells in its own way
         if format_name == "votable":
@@ -483,14 +483,14 @@ def _write_fits(table, path):
     for name in table.colnames:  # or astropy adds a comment in YAML that is longer than many a table
         table[name].info.description = None
     hdu = table_to_hdu(table)
-    for number, meaning in enumerate(meanings.values(), 1):
+    for column_number, meaning in enumerate(meanings.values(), 1):
         if meaning:
             comment = " ".join(meaning.translate(_TO_ASCII).encode("ascii", "replace").decode().split())
-            hdu.header.set(f"TCOMM{number}", comment, after=f"TFORM{number}")
+            hdu.header.set(f"TCOMM{column_number}", comment, after=f"TFORM{column_number}")
     hdu.writeto(path, overwrite=True)
 
 
-def _fit_to_format(table, format_name, path):
+def _adapt_to_format(table, format_name, path):
     """Say in columns what a format without metadata would lose, and raise TableError where it cannot hold the rest."""
     if format_name == "ascii.csv":
         if (frame := table.meta.get("frame")) not in (None, "icrs") and "frame" not in table.colnames:
@@ -513,10 +513,10 @@ def _fit_to_format(table, format_name, path):
         if any(isinstance(value, str) and len(value) > _CARD_LENGTH for value in table.meta.values()):
             table.meta["LONGSTRN"] = "OGIP 1.0"  # by which readers know that texts go on in further cards
         if RESULT_MARK not in table.meta:  # of a result the names are read again
-            for name in filter(_COEFFICIENT.fullmatch, table.colnames):
+            for name in filter(_COEFFICIENT_NAME.fullmatch, table.colnames):
                 table.rename_column(name, re.sub(r"\W+", "_", name).strip("_"))
         for name in [name for name in table.colnames if table[name].dtype.kind in "UO"]:
-            if _is_ascii(np.ma.getdata(table[name])):
+            if _is_column_ascii(np.ma.getdata(table[name])):
                 continue
             texts = [str(text).translate(_TO_ASCII) for text in np.ma.getdata(table[name])]
             rows = [row for row, text in enumerate(texts) if not text.isascii()]
@@ -529,7 +529,7 @@ def _fit_to_format(table, format_name, path):
                 table[name] = type(table[name])(texts, mask=table[name].mask) if hasattr(table[name], "mask") else texts
 
 
-def _is_ascii(texts):
+def _is_column_ascii(texts):
     """Return whether a column of text holds ASCII alone; at once, for catalogues have millions of names."""
     try:
         np.asarray(texts).astype("S")
@@ -541,7 +541,7 @@ def _is_ascii(texts):
 #: The longest text that one card of a FITS header holds.
 _CARD_LENGTH = 68
 #: Columns of coefficients, t(2,1,re), whose names FITS would have without brackets: t_2_1_re.
-_COEFFICIENT = re.compile(r"[a-z]\(\d+,\d+(,re|,im)?\)")
+_COEFFICIENT_NAME = re.compile(r"[a-z]\(\d+,\d+(,re|,im)?\)")
 #: What labels of ours have beyond ASCII.
 _TO_ASCII = str.maketrans({"≥": ">=", "≤": "<=", "−": "-", "µ": "u", "°": "deg", "δ": "delta", "α": "alpha"})
 #: Metadata without which a table says something else.

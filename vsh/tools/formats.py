@@ -106,9 +106,9 @@ def _hide_link_secrets(link):
     scheme, separator, location = link.partition("://")
     if not separator:
         return link
-    login, at, host_path = location.rpartition("@")
+    login, at_sign, host_path = location.rpartition("@")
     # A password may hold any sign; a path or a query with an @ and no colon before it is one.
-    location = host_path if at and (":" in login or "/" not in login) else location
+    location = host_path if at_sign and (":" in login or "/" not in login) else location
     return f"{scheme}://{re.split(r'[?#]', location, maxsplit=1)[0]}"
 
 
@@ -124,19 +124,19 @@ class Column(NamedTuple):
 
 
 @cache
-def _read_column_rows():
+def _read_column_meanings():
     with Path(__file__).with_name("columns.tsv").open(encoding="utf-8", newline="") as file:
         return [(row["column"], Column(row["UCD"], row["meaning"])) for row in csv.DictReader(file, delimiter="\t")]
 
 
-def column_of(name: str, unit: object = None) -> Column | None:
+def find_column_meaning(name: str, unit: object = None) -> Column | None:
     """Return the meaning of a column by its name and, where that is not enough, its unit; None where none is known."""
-    for pattern, column in _read_column_rows():
+    for pattern, column in _read_column_meanings():
         if pattern == f"{name} [{unit}]" or fnmatchcase(name, pattern):
             return column
     match = _ERROR_NAME.fullmatch(name)
-    measured = match and column_of(match[1] or match[2], unit)
-    if not measured:
+    measured_column = match and find_column_meaning(match[1] or match[2], unit)
+    if not measured_column:
         return None
-    ucd_words = [word for word in measured.ucd.split(";") if not word.startswith(("stat.", "meta."))]
-    return Column(";".join(["stat.error", *ucd_words]), f"Standard error of this: {measured.meaning}")
+    ucd_words = [word for word in measured_column.ucd.split(";") if not word.startswith(("stat.", "meta."))]
+    return Column(";".join(["stat.error", *ucd_words]), f"Standard error of this: {measured_column.meaning}")

@@ -23,7 +23,7 @@ _ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__
 
 def find_shadowed_packages() -> dict[str, str]:
     """Modules that hide our packages: their places, by name."""
-    hiding = {}
+    hiding_paths = {}
     for name in _OTHER_PACKAGES:
         try:
             spec = sys.modules[name].__spec__ if name in sys.modules else find_spec(name)
@@ -32,16 +32,16 @@ def find_shadowed_packages() -> dict[str, str]:
         if spec is None:
             continue  # it is not installed
         paths = [spec.origin] if spec.origin else list(spec.submodule_search_locations or ())
-        if paths and not any(_is_ours(path, name) for path in paths):
-            hiding[name] = paths[0]
-    return hiding
+        if paths and not any(_is_our_package(path, name) for path in paths):
+            hiding_paths[name] = paths[0]
+    return hiding_paths
 
 
-def _is_ours(path, name):
+def _is_our_package(path, name):
     return os.path.realpath(path).startswith(os.path.realpath(os.path.join(_ROOT, name)) + os.sep)
 
 
-def warn_if_hidden() -> None:
+def warn_if_packages_hidden() -> None:
     """Warn in one sentence where something of the user's hides a package of ours."""
     if os.path.dirname(sys.argv[0]) == os.path.join(_ROOT, "vsh") or sys.argv[:1] == ["-m"]:
         return  # `python -m vsh` finds ours whatever hides them
@@ -72,7 +72,7 @@ def lazy_names_from_stub(module: str, file: str) -> tuple[Callable[[str], Any], 
     """
     getter, _, names = lazy_loader.attach_stub(module, file)
     dir_names = sorted(name for name in names if not name.endswith(("Error", "Warning")))
-    return _add_hints(module, getter, names), lambda: list(dir_names), names
+    return _make_hinting_getattr(module, getter, names), lambda: list(dir_names), names
 
 
 def lazy_names(
@@ -82,13 +82,13 @@ def lazy_names(
     submodules = () if attributes else names
     getter, _, _ = lazy_loader.attach(module, submodules=submodules, submod_attrs=dict(attributes))
 
-    return _add_hints(module, getter, list(names)), lambda: list(names)
+    return _make_hinting_getattr(module, getter, list(names)), lambda: list(names)
 
 
-def _add_hints(module, getter, names):
+def _make_hinting_getattr(module, getter, names):
     """A `__getattr__` whose error names what may be meant."""
 
-    def get(name):
+    def get_or_hint(name):
         try:
             return getter(name)
         except AttributeError as error:
@@ -100,4 +100,4 @@ def _add_hints(module, getter, names):
                 return resolve_name(NAMES[name])
             raise missing_name_error(module, name, names, error) from None
 
-    return get
+    return get_or_hint

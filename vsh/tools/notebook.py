@@ -40,7 +40,7 @@ class InNotebook:
         if type(self).__str__ is not object.__str__:  # it says itself what there is to say
             return f"<pre>{escape(str(self))}</pre>"
         names = [entry.name for entry in fields(self)] if is_dataclass(self) else list(vars(self))
-        rows = {name: format_value(getattr(self, name)) for name in names if not name.startswith("_")}
+        rows = {name: format_html_value(getattr(self, name)) for name in names if not name.startswith("_")}
         for name in rows.keys() & self.units_shown.keys():
             rows[name] = f"{rows[name]} {self.units_shown[name]}" if rows[name] else None
         return format_html_table(type(self).__name__, {**rows, **self._facts()}, heading=self._heading())
@@ -66,7 +66,7 @@ def format_html_table(title: str, rows: dict[str, str | None], *, heading: str =
     return f"<p><b>{escape(title)}</b>{': ' if subtitle else ''}{escape(subtitle)}</p><table>{cells}</table>"
 
 
-def format_value(value: Any) -> str | None:
+def format_html_value(value: Any) -> str | None:
     """A value in a cell, in HTML: arrays by shape and range; None for what is missing, and for functions."""
     if value is None or (callable(value) and not hasattr(value, "_repr_html_")):
         return None
@@ -91,8 +91,8 @@ def _describe_array(values):
     if values.dtype.kind in "iuf" and np.isfinite(values).any():
         finite_values = values[np.isfinite(values)]
         n_missing = values.size - finite_values.size
-        missing = f", {n_missing} missing" if n_missing else ""
-        return f"{shape}, from {finite_values.min():.5g} to {finite_values.max():.5g}{missing}"
+        missing_text = f", {n_missing} missing" if n_missing else ""
+        return f"{shape}, from {finite_values.min():.5g} to {finite_values.max():.5g}{missing_text}"
     return f"{shape}: {', '.join(map(str, values.ravel()[:3]))}{', …' if values.size > 3 else ''}"
 
 
@@ -100,15 +100,15 @@ class Frozen(InNotebook):
     """Base of frozen dataclasses that hold arrays: arrays, in lists and tuples too, become read-only views."""
 
     def __post_init__(self) -> None:
-        self._set(**{entry.name: getattr(self, entry.name) for entry in fields(cast(Any, self))})
+        self._set_frozen(**{entry.name: getattr(self, entry.name) for entry in fields(cast(Any, self))})
 
     def __setstate__(self, state):
-        self._set(**state)  # NumPy gives back arrays that can be written to
+        self._set_frozen(**state)  # NumPy gives back arrays that can be written to
 
-    def _set(self, /, **values: Any) -> None:
+    def _set_frozen(self, /, **values: Any) -> None:
         """Set attributes, arrays as read-only views: the caller's stay as they are."""
         for name, value in values.items():
-            object.__setattr__(self, name, _freeze(value))
+            object.__setattr__(self, name, _freeze_arrays(value))
 
 
 class Equal:
@@ -119,23 +119,23 @@ class Equal:
         if type(other) is not type(self):
             return NotImplemented
         names = [entry.name for entry in fields(cast(Any, self)) if entry.name != "notes"]
-        return all(_is_same(getattr(self, name), getattr(other, name)) for name in names)
+        return all(_is_same_attribute(getattr(self, name), getattr(other, name)) for name in names)
 
     def __hash__(self) -> int:
         """Return the hash of what two that are equal have in common."""
         return hash((type(self), getattr(self, "frame", None)))
 
 
-def _is_same(value, other_value):
+def _is_same_attribute(value, other_value):
     """Return whether two attributes are the same, arrays number by number."""
     if not isinstance(value, np.ndarray) or not isinstance(other_value, np.ndarray):
         return type(value) is type(other_value) and value == other_value
     return np.array_equal(value, other_value, equal_nan=value.dtype.kind == other_value.dtype.kind == "f")
 
 
-def _freeze(value):
+def _freeze_arrays(value):
     if isinstance(value, np.ndarray):
         return read_only(value)
     if type(value) in (list, tuple):
-        return type(value)(map(_freeze, value))
+        return type(value)(map(_freeze_arrays, value))
     return value

@@ -60,10 +60,10 @@ class CountedNote(str):
         cls, counts: Mapping[str, int], total: int, *arrays: ArrayLike, names: Sequence[str] = ()
     ) -> CountedNote:
         """The note on one table, known again by a hash of some of its arrays."""
-        digest = blake2b(digest_size=12)
+        hasher = blake2b(digest_size=12)
         for array in arrays:
-            digest.update(np.ascontiguousarray(array).tobytes())
-        return cls({digest.hexdigest(): (dict(counts), int(total), tuple(names))})
+            hasher.update(np.ascontiguousarray(array).tobytes())
+        return cls({hasher.hexdigest(): (dict(counts), int(total), tuple(names))})
 
 
 class CodedNote(str):
@@ -116,8 +116,8 @@ class UnselectedRows(CountedNote):
     @staticmethod
     def format_text(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
         """Text of the note."""
-        missing = counts.get(MISSING, 0)
-        suffix = f", {missing} of the others with a value missing" if missing else ""
+        n_missing = counts.get(MISSING, 0)
+        suffix = f", {n_missing} of the others with a value missing" if n_missing else ""
         return f"selected {total - sum(counts.values())} of {total} rows, where {names[0]}{suffix}"
 
 
@@ -129,11 +129,11 @@ class UnusableRedshifts(CountedNote):
     @staticmethod
     def format_text(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
         """Text of the note."""
-        lost = sum(counts.values())
+        n_lost = sum(counts.values())
         details = ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
-        examples = f" ({', '.join(names[:5])}{', …' if lost > 5 else ''})" if names else ""
+        examples = f" ({', '.join(names[:5])}{', …' if n_lost > 5 else ''})" if names else ""
         return (
-            f"left out {lost}{f' of {total}' if total else ''} sources without a usable redshift: {details}{examples}"
+            f"left out {n_lost}{f' of {total}' if total else ''} sources without a usable redshift: {details}{examples}"
         )
 
 
@@ -151,12 +151,12 @@ class MoreNotes(str):
         return (self.hashes,)
 
 
-def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
+def merge_notes(*note_groups: Iterable[str]) -> tuple[str, ...]:
     """The notes of several tables as those of one: repeated lines once, dropped rows added up, at most ten lines."""
     plain_notes: dict[str, None] = {}
     parts_by_kind: dict[tuple[type[CountedNote], object], dict[str, Any]] = {}
     hashes: set[str] = set()
-    for note in (note for group in groups for note in group):
+    for note in (note for group in note_groups for note in group):
         if isinstance(note, CountedNote):
             condition = next(iter(note.parts.values()))[2] if isinstance(note, UnselectedRows) else None
             parts_by_kind.setdefault((type(note), condition), {}).update(note.parts)
@@ -165,11 +165,11 @@ def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
         else:
             plain_notes[note] = None
     lines = list(plain_notes)
-    has_several = sum(bool(group) for group in groups) > 1
-    if hashes or (has_several and len(lines) > MAX_NOTES - 1):
+    has_several_groups = sum(bool(group) for group in note_groups) > 1
+    if hashes or (has_several_groups and len(lines) > MAX_NOTES - 1):
         first_lines = lines[: MAX_NOTES - 1]
-        hashes |= {_hash(line) for line in lines[MAX_NOTES - 1 :]}
-        hashes -= {_hash(line) for line in first_lines}
+        hashes |= {_hash_line(line) for line in lines[MAX_NOTES - 1 :]}
+        hashes -= {_hash_line(line) for line in first_lines}
         lines = first_lines
     return (
         *lines,
@@ -187,17 +187,17 @@ def drop_empty_notes(notes: Iterable[str]) -> tuple[str, ...]:
 
 def count_dropped(notes: Iterable[str]) -> int:
     """Number of rows that were left out, from the notes."""
-    return _count_rows(notes, DroppedRows)
+    return _count_noted_rows(notes, DroppedRows)
 
 
 def count_unselected(notes: Iterable[str]) -> int:
     """Number of rows that a condition left out, from the notes."""
-    return _count_rows(notes, UnselectedRows)
+    return _count_noted_rows(notes, UnselectedRows)
 
 
-def _count_rows(notes, note_class):
+def _count_noted_rows(notes, note_class):
     return sum((sum(note.counts.values()) for note in notes if isinstance(note, note_class)), 0)
 
 
-def _hash(line):
+def _hash_line(line):
     return blake2b(line.encode("utf-8", "replace"), digest_size=6).hexdigest()

@@ -31,7 +31,7 @@ _DELAY = 2.0
 
 
 @contextmanager
-def set_meanwhile(variable: ContextVar[T], value: T) -> Iterator[None]:
+def set_variable_meanwhile(variable: ContextVar[T], value: T) -> Iterator[None]:
     """Meanwhile a variable of the context has a value."""
     token = variable.set(value)
     try:
@@ -40,13 +40,13 @@ def set_meanwhile(variable: ContextVar[T], value: T) -> Iterator[None]:
         variable.reset(token)
 
 
-def without_bars(hidden: bool = True) -> AbstractContextManager[None]:
+def without_progress_bars(hidden: bool = True) -> AbstractContextManager[None]:
     """No progress bar is shown meanwhile."""
-    return set_meanwhile(_HIDDEN, hidden or _HIDDEN.get())
+    return set_variable_meanwhile(_HIDDEN, hidden or _HIDDEN.get())
 
 
 def progress_bar(
-    things: Iterable[Any] | None = None,
+    items: Iterable[Any] | None = None,
     total: int | None = None,
     words: str | None = None,
     shown: bool = True,
@@ -55,10 +55,10 @@ def progress_bar(
 ) -> Any:
     """A tqdm bar on stderr; none in a log file or a pipe."""
     if not (shown and not _HIDDEN.get() and sys.stderr is not None and sys.stderr.isatty()):
-        return _NoBar(things)
+        return _NoBar(items)
     from tqdm import tqdm
 
-    return tqdm(things, total=total, desc=words or None, delay=_DELAY, unit=unit, dynamic_ncols=True, **options)
+    return tqdm(items, total=total, desc=words or None, delay=_DELAY, unit=unit, dynamic_ncols=True, **options)
 
 
 #: What is at work, the innermost last; and how to end the line that tells it.
@@ -67,9 +67,9 @@ _ENDS: list[Callable[[], object]] = []
 
 
 @contextmanager
-def name_step(words: str) -> Iterator[None]:
-    """Meanwhile the line of `show_elapsed` says that this is at work."""
-    _STEPS.append(words)
+def name_step(step_name: str) -> Iterator[None]:
+    """Meanwhile the line of `show_elapsed_time` says that this is at work."""
+    _STEPS.append(step_name)
     try:
         yield
     finally:
@@ -77,8 +77,8 @@ def name_step(words: str) -> Iterator[None]:
 
 
 @contextmanager
-def show_elapsed(program: str) -> Iterator[None]:
-    """A line on stderr tells after two seconds what a program is doing, until `end_elapsed` or the end of the block."""
+def show_elapsed_time(program: str) -> Iterator[None]:
+    """After two seconds a line on stderr tells what a program does, until `hide_elapsed_time` or the block's end."""
     bar, has_ended = progress_bar(bar_format="{desc}: {elapsed}", leave=False), threading.Event()
 
     def update_line():
@@ -94,11 +94,11 @@ def show_elapsed(program: str) -> Iterator[None]:
     try:
         yield
     finally:
-        end_elapsed()
+        hide_elapsed_time()
 
 
-def end_elapsed() -> None:
-    """Take the line of `show_elapsed` away, before something is printed."""
+def hide_elapsed_time() -> None:
+    """Take the line of `show_elapsed_time` away, before something is printed."""
     while _ENDS:
         _ENDS.pop(0)()
 
@@ -106,8 +106,8 @@ def end_elapsed() -> None:
 class _NoBar:
     """Stand-in for a progress bar that nobody sees."""
 
-    def __init__(self, things: Iterable[Any] | None) -> None:
-        self._things = things
+    def __init__(self, items: Iterable[Any] | None) -> None:
+        self._things = items
 
     def __iter__(self) -> Iterator[Any]:
         return iter(() if self._things is None else self._things)
@@ -131,7 +131,7 @@ _THREAD_LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
 
 def limit_threads(threads: int | None = None) -> AbstractContextManager[None]:
     """Within it, that many threads at most unless a function is told otherwise."""
-    return set_meanwhile(_THREAD_LIMIT, threads)
+    return set_variable_meanwhile(_THREAD_LIMIT, threads)
 
 
 def thread_count(threads: int | None = None) -> int:
@@ -143,7 +143,7 @@ def thread_count(threads: int | None = None) -> int:
     return len(affinity(0)) if affinity else (os.cpu_count() or 1)
 
 
-def end_with_parent() -> None:
+def end_worker_with_parent() -> None:
     """The initialiser of a pool of processes: a worker ends with its parent, where it would wait for work for ever."""
     from multiprocessing import parent_process
 
@@ -164,12 +164,12 @@ def process_pool(workers: int) -> "ProcessPoolExecutor":
     from multiprocessing import get_context
 
     # Spawned, not forked: the threads of NumPy and Arrow do not survive a fork.
-    return ProcessPoolExecutor(workers, get_context("spawn"), _start_worker)
+    return ProcessPoolExecutor(workers, get_context("spawn"), _initialise_worker)
 
 
-def _start_worker():
+def _initialise_worker():
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with_parent()
+    end_worker_with_parent()
 
 
 @contextmanager
@@ -185,12 +185,12 @@ def delay_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, previous_mask)
 
 
-def prefetch_items(things: Iterator[T]) -> Generator[T, None, None]:
+def prefetch_items(items: Iterator[T]) -> Generator[T, None, None]:
     """Iterate over items, each made in a thread while the one before it is used."""
     with ThreadPoolExecutor(1) as pool:
-        future = pool.submit(next, things, _END)
+        future = pool.submit(next, items, _END)
         while (item := future.result()) is not _END:
-            future = pool.submit(next, things, _END)
+            future = pool.submit(next, items, _END)
             yield item
 
 
@@ -200,9 +200,9 @@ def _make_thread_controller():
 
 
 @contextmanager
-def limit_blas(size: int) -> Iterator[None]:
+def limit_blas(n_rows: int) -> Iterator[None]:
     """Within it BLAS works on small matrices in one thread: several would wait for each other longer than they work."""
-    if size > _MANY_ROWS:
+    if n_rows > _MANY_ROWS:
         yield
         return
     with _make_thread_controller().limit(limits=1, user_api="blas"):
@@ -210,15 +210,15 @@ def limit_blas(size: int) -> Iterator[None]:
 
 
 def map_blocks(
-    function: Callable[[slice], T], n: int, size: int, threads: int | None = None, progress: str | None = None
+    function: Callable[[slice], T], n: int, block_size: int, threads: int | None = None, progress: str | None = None
 ) -> Iterator[T]:
-    """Yield function(slice) for consecutive slices of `size` out of `n`, in order.
+    """Yield function(slice) for consecutive slices of `block_size` out of `n`, in order.
 
     NumPy lets go of the interpreter inside its loops, so threads suffice. The blocks share the cores, so BLAS is held
     to one thread meanwhile: left alone, the two fight for the cores and a sum takes ten times as long. At most two
     results a thread are waiting at any time, however many blocks there are.
     """
-    slices = [slice(start, min(start + size, n)) for start in range(0, n, size)]
+    slices = [slice(start, min(start + block_size, n)) for start in range(0, n, block_size)]
     threads = min(thread_count(threads), len(slices))
     bar = progress_bar(total=n, words=progress, shown=progress is not None, unit=" sources")
     with bar, _make_thread_controller().limit(limits=1, user_api="blas"):
@@ -228,14 +228,14 @@ def map_blocks(
                 bar.update(block.stop - block.start)
             return
         with ThreadPoolExecutor(threads) as pool:
-            waiting = deque()
+            waiting_results = deque()
             for block in slices:
-                waiting.append((block, pool.submit(function, block)))
-                if len(waiting) >= 2 * threads:
-                    finished_block, future = waiting.popleft()
+                waiting_results.append((block, pool.submit(function, block)))
+                if len(waiting_results) >= 2 * threads:
+                    finished_block, future = waiting_results.popleft()
                     yield future.result()
                     bar.update(finished_block.stop - finished_block.start)
-            for finished_block, future in waiting:
+            for finished_block, future in waiting_results:
                 yield future.result()
                 bar.update(finished_block.stop - finished_block.start)
 

@@ -19,7 +19,7 @@ from functools import wraps
 from importlib import import_module
 from typing import Any, ParamSpec, TypeVar
 
-from vsh.tools.parallel import name_step, set_meanwhile
+from vsh.tools.parallel import name_step, set_variable_meanwhile
 
 _CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 
@@ -37,7 +37,7 @@ def format_labelled_lines(lines: Iterable[tuple[str, str]]) -> str:
 
 
 #: What stands before the text of a line: blanks, a mark of a list, or a label in a column.
-_BEFORE = re.compile(r"( *(?:- |\S+(?: \S+)* {2,}(?=\S))?)(.*)")
+_LINE_PREFIX = re.compile(r"( *(?:- |\S+(?: \S+)* {2,}(?=\S))?)(.*)")
 
 
 def wrap_lines(text: str, width: int) -> str:
@@ -46,12 +46,12 @@ def wrap_lines(text: str, width: int) -> str:
 
 
 def _wrap_line(line, width):
-    ((before, words),) = _BEFORE.findall(line)[:1]
-    if "  " in words or len(before) > width // 2:
+    ((prefix, words),) = _LINE_PREFIX.findall(line)[:1]
+    if "  " in words or len(prefix) > width // 2:
         return line
     unbreakable = re.sub(r" ([±=<]) ", "\u00a0\\1\u00a0", words)  # a number stays with its error and its name
-    lines = textwrap.wrap(unbreakable, max(width - len(before), 20), break_long_words=False, break_on_hyphens=False)
-    return before + ("\n" + " " * len(before)).join(lines).replace("\u00a0", " ")
+    lines = textwrap.wrap(unbreakable, max(width - len(prefix), 20), break_long_words=False, break_on_hyphens=False)
+    return prefix + ("\n" + " " * len(prefix)).join(lines).replace("\u00a0", " ")
 
 
 #: Signs of a text in LaTeX; longer ones first.
@@ -63,17 +63,17 @@ _TEX = {
     "β": r"$\beta$", "δ": r"$\delta$", "ε": r"$\epsilon$", "λ": r"$\lambda$", "ν": r"$\nu$", "σ": r"$\sigma$",
     "ϖ": r"$\varpi$", "ω": r"$\omega$", "ã": r"$\tilde a$", "|": "$|$", "∫": r"$\int$", "√": r"$\surd$",
 } | {letter: f"\\{letter}" for letter in "&%$#_{}"}  # fmt: skip
-_SIGN = re.compile("|".join(map(re.escape, _TEX)))
-_POWER = re.compile(r"\b(\d+(?:\.\d+)?)e([+-]\d+)\b")
+_TEX_SIGN = re.compile("|".join(map(re.escape, _TEX)))
+_POWER_OF_TEN = re.compile(r"\b(\d+(?:\.\d+)?)e([+-]\d+)\b")
 
 
 def latex_text(text: object) -> str:
     """Text that LaTeX prints as it is, with its own minus and powers of ten for numbers."""
     with_minuses = re.sub(r"(?<![\w-])-(?=\d)", "−", printable(text))
-    pieces = _POWER.split(with_minuses)
-    texts = [_SIGN.sub(lambda sign: _TEX[sign[0]], part) for part in pieces[::3]]
+    pieces = _POWER_OF_TEN.split(with_minuses)
+    texts = [_TEX_SIGN.sub(lambda sign: _TEX[sign[0]], piece) for piece in pieces[::3]]
     numbers = zip(pieces[1::3], pieces[2::3], texts[1:], strict=True)
-    return texts[0] + "".join(rf"${value} \times 10^{{{int(power)}}}${part}" for value, power, part in numbers)
+    return texts[0] + "".join(rf"${value} \times 10^{{{int(power)}}}${piece}" for value, power, piece in numbers)
 
 
 def one_line_text(name: object) -> str:
@@ -94,33 +94,33 @@ def guard_printing() -> Iterator[None]:
             if sys.stdout is not None:
                 sys.stdout.flush()
     except BrokenPipeError:
-        silence()
+        mute_output()
         raise SystemExit(0) from None
     except OSError as error:
-        silence()
+        mute_output()
         if sys.stderr is not None:
-            print(f"vsh: error: not all could be printed: {format_system_message(error)}", file=sys.stderr)
+            print(f"vsh: error: not all could be printed: {format_os_error(error)}", file=sys.stderr)
         raise SystemExit(1) from None
 
 
-def silence() -> None:
+def mute_output() -> None:
     """Discard what is or waits to be written to standard output, also when Python ends."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    null_descriptor = os.open(os.devnull, os.O_WRONLY)
     with contextlib.suppress(OSError, ValueError, AttributeError):
-        os.dup2(nowhere, sys.stdout.fileno())
-    os.close(nowhere)
+        os.dup2(null_descriptor, sys.stdout.fileno())
+    os.close(null_descriptor)
 
 
-def silence_if_broken() -> None:
+def mute_if_broken() -> None:
     """After an error in printing: do not try, and fail, again with what still waits for standard output."""
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
     except OSError:
-        silence()
+        mute_output()
 
 
-def format_system_message(error: OSError) -> str:
+def format_os_error(error: OSError) -> str:
     """Message of the system, with its file."""
     suffix = f": {error.filename}" if error.filename else ""
     if error.errno == errno.ENOSPC:
@@ -161,7 +161,7 @@ for _name in PACKAGES:
     logging.getLogger(_name).addHandler(logging.NullHandler())
 
 
-def log_calls(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
+def log_calls(step_name: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
     """A decorator: at level INFO the logger of a function's module says what came out of it, and how long it took.
 
     Examples
@@ -179,28 +179,28 @@ def log_calls(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
         logger = logging.getLogger(function.__module__)
 
         @wraps(function)
-        def timed(*args: _P.args, **options: _P.kwargs) -> _T:
-            with name_step(words):
+        def call_and_log(*args: _P.args, **options: _P.kwargs) -> _T:
+            with name_step(step_name):
                 if not logger.isEnabledFor(logging.INFO):
                     return function(*args, **options)
-                begin = time.perf_counter()
-                with set_meanwhile(_IS_WITHIN_STEP, True):
+                start_time = time.perf_counter()
+                with set_variable_meanwhile(_IS_WITHIN_STEP, True):
                     result = function(*args, **options)
-            return log_result(logger, words, result, begin)
+            return log_result(logger, step_name, result, start_time)
 
-        return timed
+        return call_and_log
 
     return decorate
 
 
-def log_result(logger: logging.Logger, words: str, result: _T, begin: float) -> _T:
+def log_result(logger: logging.Logger, step_name: str, result: _T, start_time: float) -> _T:
     """Log a result, and give it back, where a decorator would stand between a warning and its caller."""
     if not _IS_WITHIN_STEP.get():
-        logger.info("%s: %s, %.3g s", words, _shorten_repr(result), time.perf_counter() - begin)
+        logger.info("%s: %s, %.3g s", step_name, _format_short_repr(result), time.perf_counter() - start_time)
     return result
 
 
-def _shorten_repr(result):
+def _format_short_repr(result):
     """The repr of a result where it is one short line; otherwise the name of its type."""
     lines = repr(result).strip("<>").splitlines()
     return lines[0] if len(lines) == 1 and len(lines[0]) < 200 else type(result).__name__

@@ -22,7 +22,7 @@ from vsh.sky.astrometry import AstrometryRows, earth, propagate
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.tools.arguments import choice, covariance, float_array
-from vsh.tools.bad_rows import as_floats
+from vsh.tools.bad_rows import as_floats_and_mask
 from vsh.tools.errors import DegeneracyError, FieldError, ParameterError, TableError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.printing import one_line_text
@@ -144,7 +144,7 @@ _TEXTS = ("vector", "catalogue")
 def _read_numbers(table, name):
     """Read a column as numbers, nan where nothing is."""
     values, is_masked = table.columns((name,))[name]
-    floats, is_missing = as_floats(name, values)
+    floats, is_missing = as_floats_and_mask(name, values)
     return np.where(is_missing if is_masked is None else is_missing | np.asarray(is_masked, bool), np.nan, floats)
 
 

@@ -21,7 +21,7 @@ _ONE, _TWO, _THREE = np.uintp(1), np.uintp(2), np.uintp(3)
 
 
 @njit(inline="always")
-def _compute_spline_weights(f):
+def _evaluate_splines(f):
     g = 1.0 - f
     return (
         g * g * g / 6.0,
@@ -32,7 +32,7 @@ def _compute_spline_weights(f):
 
 
 @njit(inline="always")
-def _scan_axes(s, c, table, q):
+def _compute_scan_axes(s, c, table, q):
     """Compute n and m on the sky, from the scan angle and sin α, cos α, sin δ, cos δ of the source."""
     # Double precision is used from here on, so that the null space is exact.
     sa, ca, sd, cd = np.float64(table[q, 0]), np.float64(table[q, 1]), np.float64(table[q, 2]), np.float64(table[q, 3])
@@ -41,32 +41,32 @@ def _scan_axes(s, c, table, q):
 
 
 @njit(inline="always")
-def _unpack_transit(i, first, transits):
+def _unpack_transit(i, first_knot, transits):
     """Source and knot of an observation, its splines, partial derivatives, axes n and m, and weights."""
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
-    q, k = np.uintp(source[i]), np.uintp(knot[i] - first)
+    q, k = np.uintp(source[i]), np.uintp(knot[i] - first_knot)
     s, c, f = np.float64(sin[i]), np.float64(cos[i]), np.float64(frac[i])
     partials = (s, c, fal[i], fac[i], (knot[i] + f) * spacing - middle)
-    return q, k, _compute_spline_weights(f), partials, _scan_axes(s, c, table, q), (table[q, 4], table[q, 5])
+    return q, k, _evaluate_splines(f), partials, _compute_scan_axes(s, c, table, q), (table[q, 4], table[q, 5])
 
 
 @njit(inline="always")
-def _predict_by_source(x, q, r, partials):
+def _predict_by_source(x, source, r, partials):
     """Along and across scan by the parameters of a source."""
     s, c, fal, fac, t = partials
-    east, north = x[q, 0, r] + t * x[q, 3, r], x[q, 1, r] + t * x[q, 4, r]
-    return s * east + c * north + fal * x[q, 2, r], s * north - c * east + fac * x[q, 2, r]
+    east, north = x[source, 0, r] + t * x[source, 3, r], x[source, 1, r] + t * x[source, 4, r]
+    return s * east + c * north + fal * x[source, 2, r], s * north - c * east + fac * x[source, 2, r]
 
 
 @njit(inline="always")
-def _add_to_source(sources, q, r, partials, along, across):
+def _add_source_terms(sources, source, r, partials, along, across):
     s, c, fal, fac, t = partials
     east, north = s * along - c * across, c * along + s * across
-    sources[q, 0, r] += east
-    sources[q, 1, r] += north
-    sources[q, 2, r] += fal * along + fac * across
-    sources[q, 3, r] += t * east
-    sources[q, 4, r] += t * north
+    sources[source, 0, r] += east
+    sources[source, 1, r] += north
+    sources[source, 2, r] += fal * along + fac * across
+    sources[source, 3, r] += t * east
+    sources[source, 4, r] += t * north
 
 
 @njit(inline="always")
@@ -85,41 +85,41 @@ def _predict_by_attitude(h, k, r, b, axes):
 
 
 @njit(inline="always")
-def _add_spline_terms(attitude, k, axis, r, b, g):
-    attitude[k, axis, r] += b[0] * g
-    attitude[k + _ONE, axis, r] += b[1] * g
-    attitude[k + _TWO, axis, r] += b[2] * g
-    attitude[k + _THREE, axis, r] += b[3] * g
+def _add_spline_terms(attitude, knot, axis, r, b, g):
+    attitude[knot, axis, r] += b[0] * g
+    attitude[knot + _ONE, axis, r] += b[1] * g
+    attitude[knot + _TWO, axis, r] += b[2] * g
+    attitude[knot + _THREE, axis, r] += b[3] * g
 
 
 @njit(inline="always")
-def _add_to_attitude(attitude, k, r, b, axes, along, across):
+def _add_attitude_terms(attitude, knot, r, b, axes, along, across):
     nx, ny, nz, mx, my, mz = axes
-    _add_spline_terms(attitude, k, 0, r, b, mx * across - nx * along)
-    _add_spline_terms(attitude, k, 1, r, b, my * across - ny * along)
-    _add_spline_terms(attitude, k, 2, r, b, mz * across - nz * along)
+    _add_spline_terms(attitude, knot, 0, r, b, mx * across - nx * along)
+    _add_spline_terms(attitude, knot, 1, r, b, my * across - ny * along)
+    _add_spline_terms(attitude, knot, 2, r, b, mz * across - nz * along)
 
 
 @_compile
-def sum_for_attitude(
+def add_to_attitude(
     start: int, stop: int, first: int, lengths: tuple, x: FloatArray, attitude: FloatArray, transits: tuple
 ) -> None:
     """Add Cᵀ x to `attitude`: the terms of the attitude's equations that the source parameters x give."""
     for i in range(np.uintp(start), np.uintp(stop)):
-        q, k, b, partials, axes, weights = _unpack_transit(i, first, transits)
+        source, knot, b, partials, axes, weights = _unpack_transit(i, first, transits)
         for r in range(np.uintp(len(lengths))):
-            along, across = _predict_by_source(x, q, r, partials)
-            _add_to_attitude(attitude, k, r, b, axes, weights[0] * along, weights[1] * across)
+            along, across = _predict_by_source(x, source, r, partials)
+            _add_attitude_terms(attitude, knot, r, b, axes, weights[0] * along, weights[1] * across)
 
 
 @_compile
-def sum_for_sources(start: int, stop: int, lengths: tuple, h: FloatArray, sources: FloatArray, transits: tuple) -> None:
+def add_to_sources(start: int, stop: int, lengths: tuple, h: FloatArray, sources: FloatArray, transits: tuple) -> None:
     """Add C h to `sources`: the terms of the sources' equations that the attitude coefficients h give."""
     for i in range(np.uintp(start), np.uintp(stop)):
-        q, k, b, partials, axes, weights = _unpack_transit(i, 0, transits)
+        source, knot, b, partials, axes, weights = _unpack_transit(i, 0, transits)
         for r in range(np.uintp(len(lengths))):
-            along, across = _predict_by_attitude(h, k, r, b, axes)
-            _add_to_source(sources, q, r, partials, weights[0] * along, weights[1] * across)
+            along, across = _predict_by_attitude(h, knot, r, b, axes)
+            _add_source_terms(sources, source, r, partials, weights[0] * along, weights[1] * across)
 
 
 @_compile
@@ -128,8 +128,8 @@ def predict(
 ) -> None:
     """Compute the observations that the parameters x and h predict, and store them in `along` and `across`."""
     for i in range(np.uintp(start), np.uintp(stop)):
-        q, k, b, partials, axes, _ = _unpack_transit(i, 0, transits)
-        by_source, by_attitude = _predict_by_source(x, q, 0, partials), _predict_by_attitude(h, k, 0, b, axes)
+        source, knot, b, partials, axes, _ = _unpack_transit(i, 0, transits)
+        by_source, by_attitude = _predict_by_source(x, source, 0, partials), _predict_by_attitude(h, knot, 0, b, axes)
         along[i], across[i] = by_source[0] + by_attitude[0], by_source[1] + by_attitude[1]
 
 
@@ -140,10 +140,10 @@ def add_adjoint(
     """Apply the weighted transpose of `predict`, and add the result to `sources` and `attitude`."""
     along, across = observations
     for i in range(np.uintp(start), np.uintp(stop)):
-        q, k, b, partials, axes, weights = _unpack_transit(i, first, transits)
+        source, knot, b, partials, axes, weights = _unpack_transit(i, first, transits)
         weighted_along, weighted_across = weights[0] * along[i], weights[1] * across[i]
-        _add_to_attitude(attitude, k, 0, b, axes, weighted_along, weighted_across)
-        _add_to_source(sources, q, 0, partials, weighted_along, weighted_across)
+        _add_attitude_terms(attitude, knot, 0, b, axes, weighted_along, weighted_across)
+        _add_source_terms(sources, source, 0, partials, weighted_along, weighted_across)
 
 
 @_compile
@@ -165,6 +165,6 @@ def add_blocks(start: int, stop: int, first: int, source_blocks: FloatArray, ban
                 w = along_weight * n[p] * n[q] + across_weight * m[p] * m[q]
                 for u in range(4):
                     for v in range(u + 1):
-                        distance = 3 * (u - v) + p - q
-                        if distance >= 0:
-                            band[3 * (k + v) + q, distance] += b[u] * b[v] * w
+                        offset = 3 * (u - v) + p - q
+                        if offset >= 0:
+                            band[3 * (k + v) + q, offset] += b[u] * b[v] * w

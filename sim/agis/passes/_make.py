@@ -31,35 +31,35 @@ class CompiledPasses:
         self.table, self.spacing, self.middle = table[self.order], scans.spacing, scans.middle
         # Cut between knots at equal numbers of transits: each part has intervals of its own.
         cut_rows = np.linspace(0, len(scans) - 1, PARTS + 1).astype(int)[1:-1] if len(scans) else []
-        edges = np.unique(np.r_[0, scans.knot[cut_rows], scans.intervals].astype(int))
-        self.knots = list(pairwise(edges))
-        self.bounds = list(pairwise(np.searchsorted(scans.knot, edges).tolist()))
+        knot_edges = np.unique(np.r_[0, scans.knot[cut_rows], scans.intervals].astype(int))
+        self.knots = list(pairwise(knot_edges))
+        self.bounds = list(pairwise(np.searchsorted(scans.knot, knot_edges).tolist()))
 
     def _make_kernel_arguments(self, chunk=slice(None)):
         """Arguments of the kernels for some transits, which they count from zero."""
         return (*(column[chunk] for column in self.columns), self.table, self.spacing, self.middle)
 
-    def _map_parts(self, work: Callable[[int, int, int, int], Any], step: int = 1):
+    def _map_parts(self, function: Callable[[int, int, int, int], Any], step: int = 1):
         """work(start, stop, first knot, last knot) of every part, in order; no more are at hand than threads."""
-        arguments = [(*bounds, *knots) for bounds, knots in zip(self.bounds, self.knots, strict=True)][::step]
+        part_arguments = [(*bounds, *knots) for bounds, knots in zip(self.bounds, self.knots, strict=True)][::step]
         if self.threads == 1:
-            yield from (work(*argument) for argument in arguments)
+            yield from (function(*argument) for argument in part_arguments)
             return
         with ThreadPoolExecutor(self.threads) as pool:
-            for start in range(0, len(arguments), self.threads):
-                yield from pool.map(lambda argument: work(*argument), arguments[start : start + self.threads])
+            for start in range(0, len(part_arguments), self.threads):
+                yield from pool.map(lambda argument: function(*argument), part_arguments[start : start + self.threads])
 
     def to_attitude(self, x: FloatArray) -> FloatArray:
         """Cᵀ x."""
         x, lengths, transits = x[self.order], (0,) * x.shape[-1], self._make_kernel_arguments()
 
-        def sum_attitude(start, stop, first_knot, last_knot):
-            attitude = np.zeros((last_knot - first_knot + 3, 3, len(lengths)))
-            self._kernels.sum_for_attitude(start, stop, first_knot, lengths, x, attitude, transits)
-            return attitude
+        def sum_part(start, stop, first_knot, last_knot):
+            attitude_sum = np.zeros((last_knot - first_knot + 3, 3, len(lengths)))
+            self._kernels.add_to_attitude(start, stop, first_knot, lengths, x, attitude_sum, transits)
+            return attitude_sum
 
         total = np.zeros((self.coefficients, 3, len(lengths)))
-        for (first_knot, last_knot), partial_sum in zip(self.knots, self._map_parts(sum_attitude), strict=True):
+        for (first_knot, last_knot), partial_sum in zip(self.knots, self._map_parts(sum_part), strict=True):
             total[first_knot : last_knot + 3] += partial_sum  # parts overlap by the three coefficients at their ends
         return total
 
@@ -67,13 +67,13 @@ class CompiledPasses:
         """C h."""
         h, lengths, transits = np.ascontiguousarray(h), (0,) * h.shape[-1], self._make_kernel_arguments()
 
-        def sum_sources(start, stop, first_knot, last_knot):
-            sources = np.zeros((self.n, 5, len(lengths)))
-            self._kernels.sum_for_sources(start, stop, lengths, h, sources, transits)
-            return sources
+        def sum_part(start, stop, first_knot, last_knot):
+            source_sum = np.zeros((self.n, 5, len(lengths)))
+            self._kernels.add_to_sources(start, stop, lengths, h, source_sum, transits)
+            return source_sum
 
         # From the end, where `to_attitude` stopped: of transits on disk the last are still in memory.
-        return reduce(lambda total, part: np.add(total, part, out=total), self._map_parts(sum_sources, -1))[self.rank]
+        return reduce(lambda total, term: np.add(total, term, out=total), self._map_parts(sum_part, -1))[self.rank]
 
     def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Predict the observations by the parameters."""
@@ -89,7 +89,7 @@ class CompiledPasses:
         along, across = np.ascontiguousarray(along), np.ascontiguousarray(across)
         parameters = None if x is None or h is None else (x[self.order][..., None], np.ascontiguousarray(h)[..., None])
 
-        def sum_adjoint(start, stop, first_knot, last_knot):
+        def sum_part(start, stop, first_knot, last_knot):
             sources, attitude = np.zeros((self.n, 5, 1)), np.zeros((last_knot - first_knot + 3, 3, 1))
             for offset in range(start, stop, BLOCK_TRANSITS):
                 chunk = slice(offset, min(offset + BLOCK_TRANSITS, stop))
@@ -103,7 +103,7 @@ class CompiledPasses:
             return sources, attitude
 
         sources, attitude = np.zeros((self.n, 5, 1)), np.zeros((self.coefficients, 3, 1))
-        for (first, last), (source_sums, attitude_sums) in zip(self.knots, self._map_parts(sum_adjoint), strict=True):
+        for (first, last), (source_sums, attitude_sums) in zip(self.knots, self._map_parts(sum_part), strict=True):
             sources += source_sums
             attitude[first : last + 3] += attitude_sums
         return sources[self.rank][..., 0], attitude[..., 0]
@@ -114,16 +114,16 @@ class CompiledPasses:
         transits = self._make_kernel_arguments()
         # In turn, not side by side: these are the largest arrays of all.
         for (start, stop), (first_knot, last_knot) in zip(self.bounds, self.knots, strict=True):
-            segment = np.zeros((3 * (last_knot - first_knot + 3), BANDS))
-            self._kernels.add_blocks(start, stop, first_knot, source_blocks, segment, transits)
-            band[3 * first_knot : 3 * (last_knot + 3)] += segment
-        upper = np.triu_indices(5, 1)
-        source_blocks[:, upper[0], upper[1]] = source_blocks[:, upper[1], upper[0]]
+            band_segment = np.zeros((3 * (last_knot - first_knot + 3), BANDS))
+            self._kernels.add_blocks(start, stop, first_knot, source_blocks, band_segment, transits)
+            band[3 * first_knot : 3 * (last_knot + 3)] += band_segment
+        upper_triangle = np.triu_indices(5, 1)
+        source_blocks[:, upper_triangle[0], upper_triangle[1]] = source_blocks[:, upper_triangle[1], upper_triangle[0]]
         return source_blocks[self.rank], band.T
 
 
 #: Transits that a design matrix is made for; each takes 400 bytes.
-MAX_TRANSITS = 3_000_000
+MAX_SPARSE_TRANSITS = 3_000_000
 #: From so many on compiled passes are worth the second that it takes to load them.
 COMPILED_FROM = 200_000
 
@@ -141,32 +141,32 @@ class SparsePasses:
         q = np.stack([-sd * ca, -sd * sa, cd])
         p = np.stack([-sa, ca, np.zeros(k)])
         m, perpendicular = p * sin + q * cos, -p * cos + q * sin
-        rows, columns = np.arange(k), 5 * source[:, None] + np.arange(5)
+        rows, source_columns = np.arange(k), 5 * source[:, None] + np.arange(5)
         source_blocks = [
             np.stack([s, c, factor, t * s, t * c], axis=1) for s, c, factor in ((sin, cos, fal), (-cos, sin, fac))
         ]
         b, attitude_columns = evaluate_splines(frac), 3 * (knot[:, None, None] + np.arange(4)[:, None]) + np.arange(3)
         attitude_blocks = [np.einsum("jk,ak->kja", b, axis) for axis in (-perpendicular, m)]
 
-        def make_matrix(blocks, block_columns, width):
+        def make_sparse_matrix(blocks, block_columns, width):
             entries = np.concatenate([block.reshape(k, -1) for block in blocks])
             column_indices = np.tile(block_columns.reshape(k, -1), (2, 1))
             row_indices = np.repeat(np.r_[rows, k + rows], column_indices.shape[1])
             return sparse.csr_array((entries.ravel(), (row_indices, column_indices.ravel())), shape=(2 * k, width))
 
-        self.sources = make_matrix(source_blocks, columns, 5 * n)
-        self.attitude = make_matrix(attitude_blocks, attitude_columns, 3 * self.coefficients)
+        self.sources = make_sparse_matrix(source_blocks, source_columns, 5 * n)
+        self.attitude = make_sparse_matrix(attitude_blocks, attitude_columns, 3 * self.coefficients)
         self.weights = np.concatenate([table[source, 4], table[source, 5]])
 
     def to_attitude(self, x: FloatArray) -> FloatArray:
         """Cᵀ x."""
-        observations = self.weights[:, None] * (self.sources @ x.reshape(-1, x.shape[-1]))
-        return (self.attitude.T @ observations).reshape(self.coefficients, 3, -1)
+        weighted_observations = self.weights[:, None] * (self.sources @ x.reshape(-1, x.shape[-1]))
+        return (self.attitude.T @ weighted_observations).reshape(self.coefficients, 3, -1)
 
     def to_sources(self, h: FloatArray) -> FloatArray:
         """C h."""
-        observations = self.weights[:, None] * (self.attitude @ h.reshape(-1, h.shape[-1]))
-        return (self.sources.T @ observations).reshape(-1, 5, h.shape[-1])
+        weighted_observations = self.weights[:, None] * (self.attitude @ h.reshape(-1, h.shape[-1]))
+        return (self.sources.T @ weighted_observations).reshape(-1, 5, h.shape[-1])
 
     def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Predict the observations by the parameters."""
@@ -192,9 +192,9 @@ class SparsePasses:
         blocks[row // 5, row % 5, column % 5] = source_normal.data
         attitude_normal = (self.attitude.T @ self.attitude.multiply(self.weights[:, None])).tocsr()
         band = np.zeros((BANDS, attitude_normal.shape[0]))
-        for distance in range(BANDS):
-            diagonal = attitude_normal.diagonal(-distance)
-            band[distance, : len(diagonal)] = diagonal
+        for offset in range(BANDS):
+            diagonal = attitude_normal.diagonal(-offset)
+            band[offset, : len(diagonal)] = diagonal
         return blocks, band
 
 
@@ -202,19 +202,19 @@ class SparsePasses:
 Passes = CompiledPasses | SparsePasses
 
 
-def make_passes(scans: Scans, solved: BoolArray, threads: int | None = None, compiled: bool | None = None) -> Passes:
+def make_passes(scans: Scans, is_solved: BoolArray, threads: int | None = None, compiled: bool | None = None) -> Passes:
     """Passes over the transits of the sources that are solved; the others weigh nothing.
 
     `compiled` is whether they are compiled; None: where numba is installed and they are many.
     """
-    table = np.stack([*scans.sines_and_cosines, *(scans.weights * solved).astype(np.float32)], axis=1)
+    table = np.stack([*scans.sines_and_cosines, *(scans.weights * is_solved).astype(np.float32)], axis=1)
     if compiled or (compiled is None and len(scans) >= COMPILED_FROM):
         try:
             return CompiledPasses(scans, table, threads)
         except ImportError:
-            if compiled or len(scans) > MAX_TRANSITS:
+            if compiled or len(scans) > MAX_SPARSE_TRANSITS:
                 raise ParameterError(
-                    f"compiled sums, and more than {MAX_TRANSITS} transits, need numba: pip install "
+                    f"compiled sums, and more than {MAX_SPARSE_TRANSITS} transits, need numba: pip install "
                     "'vsh-astrometry[agis]'"
                 ) from None
     return SparsePasses(scans, table)

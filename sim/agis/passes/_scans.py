@@ -20,7 +20,7 @@ from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
-from vsh.tools.files import atomic_folder, atomic_write, digest_of, scratch_array
+from vsh.tools.files import atomic_folder, atomic_write, digest_values, make_scratch_array
 from vsh.tools.notebook import Frozen, InNotebook
 from vsh.tools.parallel import GIB, free_memory, progress_bar
 from vsh.tools.types import ArrayLike, FloatArray, IntArray, PathName
@@ -102,7 +102,7 @@ def plan(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike, knots: float =
     if not len(lon):
         raise ParameterError("a plan needs a source at least")
     arguments.choice("ccds", ccds, (1, 9))
-    n, n_transits = np.size(lon), estimate_transits(law, lon, lat) * ccds
+    n, n_transits = np.size(lon), estimate_transit_count(law, lon, lat) * ccds
     coefficients = law.years * JULIAN_YEAR / knots + 3
     memory = _BASE + max(_SORTING * n_transits, system_memory(n, coefficients) + _TRANSIT * n_transits)
     setup_seconds = (_FOLLOW / ccds + 5 * _ITERATE) * n_transits / 1e6 + _SOLVE * coefficients / 1e6
@@ -111,28 +111,28 @@ def plan(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike, knots: float =
     return Plan(n_transits, coefficients, max(memory, disk + _BASE), disk, setup_seconds, iteration_seconds)
 
 
-def estimate_transits(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike) -> float:
+def estimate_transit_count(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike) -> float:
     """About how many transits some sources will have: those of a sample, which the law remembers, times all."""
     lon, lat = np.asarray(lon), np.asarray(lat)
-    sample = np.linspace(0, len(lon) - 1, min(_SAMPLE_SIZE, len(lon))).astype(int)
-    key = ("transits", lon[sample].tobytes(), lat[sample].tobytes())
+    sample_indices = np.linspace(0, len(lon) - 1, min(_SAMPLE_SIZE, len(lon))).astype(int)
+    key = ("transits", lon[sample_indices].tobytes(), lat[sample_indices].tobytes())
     if key not in law.remembered:
-        law.remembered[key] = len(law.transits(lon[sample], lat[sample]))
-    return 1.02 * law.remembered[key] * len(lon) / len(sample)
+        law.remembered[key] = len(law.transits(lon[sample_indices], lat[sample_indices]))
+    return 1.02 * law.remembered[key] * len(lon) / len(sample_indices)
 
 
-def system_memory(n_sources: int, coefficients: float, mapped: bool = False) -> float:
+def system_memory(n_sources: int, coefficients: float, is_mapped: bool = False) -> float:
     """Bytes of the normal equations, without the transits and, mapped, without what is on disk then."""
-    disk = n_sources * _LOW_DEGREE_FIT + coefficients * _BAND
-    vectors = n_sources * (_SOURCE + _COLUMN) + coefficients * _COEFFICIENT
-    return vectors if mapped else vectors + disk
+    disk_bytes = n_sources * _LOW_DEGREE_FIT + coefficients * _BAND
+    vector_bytes = n_sources * (_SOURCE + _COLUMN) + coefficients * _COEFFICIENT
+    return vector_bytes if is_mapped else vector_bytes + disk_bytes
 
 
-def check_memory(needed: float, task: str, remedy: str) -> None:
-    """Raise ParameterError if fewer bytes than the `needed` are free for a task."""
+def check_memory(n_bytes: float, task: str, remedy: str) -> None:
+    """Raise ParameterError if fewer than `n_bytes` are free for a task."""
     free = free_memory()
-    if needed > free:
-        raise ParameterError(f"{task} would need {needed / GIB:.1f} GiB, and {free / GIB:.1f} GiB are free: {remedy}")
+    if n_bytes > free:
+        raise ParameterError(f"{task} would need {n_bytes / GIB:.1f} GiB, and {free / GIB:.1f} GiB are free: {remedy}")
 
 
 #: Half of the height that a field may have. [rad]
@@ -151,16 +151,16 @@ def scaled(
     """
     share = arguments.whole("n", n) / arguments.whole("full", full)
     law = NominalScanningLaw() if law is None else arguments.a(NominalScanningLaw)("law", law)
-    root = share**0.5
-    if law.half_height / root > _MAX_HALF_HEIGHT:
+    scale = share**0.5
+    if law.half_height / scale > _MAX_HALF_HEIGHT:
         min_sources = int(np.ceil(full * (law.half_height / _MAX_HALF_HEIGHT) ** 2))
         raise ParameterError(
             f"{n} sources are too few to stand for {full}: a field would be "
-            f"{np.degrees(2 * law.half_height / root):.0f}° high. Take {min_sources} or more, or scale nothing"
+            f"{np.degrees(2 * law.half_height / scale):.0f}° high. Take {min_sources} or more, or scale nothing"
         )
     # Gaps that were drawn are kept as they are.
     gap_options = {"dead_time": 0.0, "rng": None, "gaps": tuple(map(tuple, law.lost))}
-    scaled_law = replace(law, half_height=law.half_height / root, spin_rate=law.spin_rate * root, **gap_options)
+    scaled_law = replace(law, half_height=law.half_height / scale, spin_rate=law.spin_rate * scale, **gap_options)
     return scaled_law, arguments.positive("knots", knots) / share
 
 
@@ -243,7 +243,7 @@ class Scans(Frozen):
 
     def array(self, *shape: int) -> FloatArray:
         """Zeros of this shape, beside the transits: in memory, or on disk where they are."""
-        return scratch_array(self.folder, shape)
+        return make_scratch_array(self.folder, shape)
 
     def time(self, part: slice = slice(None)) -> FloatArray:
         """Times of transits since the start of the mission. [yr]"""
@@ -299,11 +299,11 @@ def scans(
     """
     lon = arguments.float_array("lon", lon)
     lat, n, shape = arguments.float_array("lat", lat, lon.shape), len(lon), lon.shape
-    along = arguments.float_array("sigma_along", sigma_along, shape, broadcast=True)
-    across = np.inf if sigma_across is None else sigma_across
-    across = arguments.float_array("sigma_across", across, shape, finite=False, broadcast=True)
-    if not ((along > 0).all() and (across > 0).all()):
-        n_bad = int(np.sum(~(along > 0)) + np.sum(~(across > 0)))
+    along_error = arguments.float_array("sigma_along", sigma_along, shape, broadcast=True)
+    across_error = np.inf if sigma_across is None else sigma_across
+    across_error = arguments.float_array("sigma_across", across_error, shape, finite=False, broadcast=True)
+    if not ((along_error > 0).all() and (across_error > 0).all()):
+        n_bad = int(np.sum(~(along_error > 0)) + np.sum(~(across_error > 0)))
         raise ParameterError(f"{n_bad} errors of transits are zero or negative")
     arguments.choice("ccds", ccds, (1, CCDS))
     spacing = knots / JULIAN_YEAR
@@ -311,7 +311,7 @@ def scans(
         raise ParameterError(f"knots {knots:g} s apart are no knots in a mission of {law.years:g} years")
     if n == 0:
         raise ParameterError("scans need a source at least")
-    weights = np.stack([1 / along**2, 1 / across**2]) / ccds
+    weights = np.stack([1 / along_error**2, 1 / across_error**2]) / ccds
     attributes: dict[str, Any] = {
         "lon": lon.copy(),
         "lat": lat.copy(),
@@ -322,27 +322,27 @@ def scans(
         "frame": law.frame,
         "law": law,
     }
-    key = _digest_inputs(law, attributes, ccds)
+    scans_key = _digest_scan_inputs(law, attributes, ccds)
     if folder is None:
         check_memory(
-            2 * _RECORD.itemsize * estimate_transits(law, lon, lat) * ccds, "transits", "give a folder= for them"
+            2 * _RECORD.itemsize * estimate_transit_count(law, lon, lat) * ccds, "transits", "give a folder= for them"
         )
         return Scans(
             **attributes, **_sort_transits(_follow_law(law, lon, lat, ccds, threads, progress, None), attributes, None)
         )
-    path = _check_folder(Path(folder))
-    if not (path / f"{key}.json").exists():
-        parts = path / f"{key}.parts"  # stay where the run is killed, and go with the folder that is replaced
+    path = _check_scans_folder(Path(folder))
+    if not (path / f"{scans_key}.json").exists():
+        parts = path / f"{scans_key}.parts"  # stay where the run is killed, and go with the folder that is replaced
         parts.mkdir(parents=True, exist_ok=True)
         with atomic_folder(path) as temporary_folder:
             _sort_transits(_follow_law(law, lon, lat, ccds, threads, progress, parts), attributes, temporary_folder)
-            (temporary_folder / f"{key}.json").write_text(
+            (temporary_folder / f"{scans_key}.json").write_text(
                 json.dumps({"sources": n, "knots": knots, "ccds": ccds}), encoding="utf-8"
             )
     return Scans(**attributes, **{name: np.load(path / f"{name}.npy", mmap_mode="r") for name in _COLUMNS}, folder=path)
 
 
-def _check_folder(folder):
+def _check_scans_folder(folder):
     """The folder, if nothing else than scans is in it, which may be replaced."""
     file_names = {f"{name}.npy" for name in _COLUMNS}
     if folder.exists() and not folder.is_dir():
@@ -358,7 +358,7 @@ def _follow_law(law, lon, lat, ccds, threads, progress, folder):
     """Transits of blocks of sources, each block in the order of time: arrays, or the files that hold them."""
     rotation = rotation_matrix("ecliptic", law.frame)
     # Not over the edges of the mission: the end is an edge of the last interval.
-    end = np.nextafter(law.years, 0)
+    last_time = np.nextafter(law.years, 0)
     with progress_bar(total=len(lon), words="transits", shown=progress, unit=" sources") as bar:
         for start in range(0, len(lon), _BLOCK_SOURCES):
             block = slice(start, min(start + _BLOCK_SOURCES, len(lon)))
@@ -371,7 +371,7 @@ def _follow_law(law, lon, lat, ccds, threads, progress, folder):
             p, q, _ = triad(lon[block], lat[block])
             records = np.empty((len(transits), ccds), _RECORD)
             ccd_delays = (np.arange(ccds) - (ccds - 1) / 2) * CCD_STEP / JULIAN_YEAR
-            records["time"] = np.clip(transits.time[:, None] + ccd_delays, 0, end)
+            records["time"] = np.clip(transits.time[:, None] + ccd_delays, 0, last_time)
             sin, cos = np.sin(transits.angle), np.cos(transits.angle)
             sun, distance = law.sun(transits.time)
             sun = rotation @ sun
@@ -405,13 +405,13 @@ def _sort_transits(chunks, attributes, folder):
         )
         for name, dtype in dtypes.items()
     }
-    edges = np.linspace(0, attributes["years"], n_transits // _BLOCK_SORTED + 2)
-    edges[-1] = np.inf
+    time_edges = np.linspace(0, attributes["years"], n_transits // _BLOCK_SORTED + 2)
+    time_edges[-1] = np.inf
     # Once for all edges: each search makes a copy of a part's times.
-    bounds = [np.searchsorted(chunk["time"], edges) for chunk in chunks]
+    cuts = [np.searchsorted(chunk["time"], time_edges) for chunk in chunks]
     offset = 0
-    for k in range(len(edges) - 1):
-        records = np.concatenate([chunk[slice(*cut[k : k + 2])] for chunk, cut in zip(chunks, bounds, strict=True)])
+    for k in range(len(time_edges) - 1):
+        records = np.concatenate([chunk[slice(*cut[k : k + 2])] for chunk, cut in zip(chunks, cuts, strict=True)])
         records = records[np.argsort(records["time"], kind="stable")]
         rows = slice(offset, offset + len(records))
         knot_time = records["time"] / attributes["spacing"]
@@ -433,11 +433,11 @@ def _find_sky_order(lon, lat):
     return np.lexsort((lon, band))
 
 
-def _digest_inputs(law, attributes, ccds):
+def _digest_scan_inputs(law, attributes, ccds):
     """A hash of all that determines the transits, and of what is kept of each."""
-    arguments = {entry.name: getattr(law, entry.name) for entry in fields(law) if entry.init and entry.name != "rng"}
+    law_options = {entry.name: getattr(law, entry.name) for entry in fields(law) if entry.init and entry.name != "rng"}
     arrays = law.lost, attributes["lon"], attributes["lat"], attributes["weights"]
-    return digest_of(((arguments, attributes["spacing"], ccds, _COLUMNS), *arrays))[:16]
+    return digest_values(((law_options, attributes["spacing"], ccds, _COLUMNS), *arrays))[:16]
 
 
 #: Coefficients that meet in an interval, times three components: rows of the band, the diagonal among them.
@@ -456,8 +456,8 @@ def add_smoothing(band: FloatArray, weight: float) -> None:
     It bridges gaps in which nothing is observed, costs no bandwidth and spares ε₀ + ω t, which a ridge would not.
     """
     n = band.shape[1] // 3
-    difference = (1.0, -2.0, 1.0)
-    for i, u in enumerate(difference):
+    difference_weights = (1.0, -2.0, 1.0)
+    for i, u in enumerate(difference_weights):
         for j in range(i + 1):
             # Products of coefficients k + i and k + j, for k = 0 … n − 3 and three components each.
-            band[3 * (i - j), 3 * j : 3 * (j + n - 2)] += weight * u * difference[j]
+            band[3 * (i - j), 3 * j : 3 * (j + n - 2)] += weight * u * difference_weights[j]

@@ -194,7 +194,7 @@ def test_without_numba_many_transits_are_refused(monkeypatch):
     monkeypatch.setitem(sys.modules, "sim.agis.passes._kernels", None)
     monkeypatch.delattr("sim.agis.passes._kernels", raising=False)
     assert System(found).solved.any()  # the sparse passes do
-    monkeypatch.setattr("sim.agis.passes._make.MAX_TRANSITS", 100)
+    monkeypatch.setattr("sim.agis.passes._make.MAX_SPARSE_TRANSITS", 100)
     with pytest.raises(ParameterError, match=r"need numba: pip install 'vsh-astrometry\[agis\]'"):
         System(found)
 

@@ -19,7 +19,7 @@ from gaia_table import table
 from fit.commands.fit import main
 from vsh.commands import finishing, parsing
 from vsh.tools.errors import VshError
-from vsh.tools.files import atomic_folder, atomic_write, remove_unfinished
+from vsh.tools.files import atomic_folder, atomic_write, remove_unfinished_files
 
 
 @pytest.fixture
@@ -116,7 +116,7 @@ def test_only_our_own_leftovers_go(tmp_path):
     """Hidden files with a dash in their name were taken as ours."""
     for name in (".pre-commit-config.yaml", ".env-production", ".vsh-unfinished-1-x.json"):
         (tmp_path / name).write_text("x")
-    remove_unfinished(tmp_path)
+    remove_unfinished_files(tmp_path)
     assert {x.name for x in tmp_path.iterdir()} == {".pre-commit-config.yaml", ".env-production"}
 
 

@@ -13,7 +13,7 @@ import sim
 from vsh import Coefficients
 from vsh.io.tables import open_table
 from vsh.tools.files import write_table
-from vsh.tools.formats import _read_column_rows, column_of
+from vsh.tools.formats import _read_column_meanings, find_column_meaning
 
 #: Columns without a meaning of their own: rows of matrices, and what is called as a user calls it.
 OF_USERS = ("H0", "seen", "of", "real", "imaginary", "n", "less", "gain", "norm", "rate", "shear", "slope",
@@ -22,7 +22,7 @@ OF_USERS = ("H0", "seen", "of", "real", "imaginary", "n", "less", "gain", "norm"
 
 
 @pytest.mark.parametrize(
-    ("pattern", "column"), _read_column_rows(), ids=lambda each: each if isinstance(each, str) else ""
+    ("pattern", "column"), _read_column_meanings(), ids=lambda each: each if isinstance(each, str) else ""
 )
 def test_words_are_those_of_the_ivoa(pattern, column):
     assert parse_ucd(column.ucd, check_controlled_vocabulary=True), pattern
@@ -34,17 +34,17 @@ def test_words_are_those_of_the_ivoa(pattern, column):
 @pytest.mark.parametrize("kind", sorted(RESULTS))
 def test_columns_of_every_result_have_a_meaning(kind):
     table = RESULTS[kind]().to_table()
-    unknown = [name for name in table.colnames if column_of(name, table[name].unit) is None]
+    unknown = [name for name in table.colnames if find_column_meaning(name, table[name].unit) is None]
     assert [name for name in unknown if not name.startswith(OF_USERS)] == []
 
 
 def test_errors_are_those_of_what_has_them():
-    assert column_of("pmra_error").ucd == "stat.error;pos.pm;pos.eq.ra"
-    assert column_of("sigma_x", "uas / yr").ucd == "stat.error;pos.cartesian.x"
-    assert column_of("pmra_error").meaning == f"Standard error of this: {column_of('pmra').meaning}"
-    assert column_of("nothing_error") is None
-    assert column_of("l").meaning == "Degree."
-    assert column_of("l", "deg").ucd == "pos.galactic.lon;meta.main"
+    assert find_column_meaning("pmra_error").ucd == "stat.error;pos.pm;pos.eq.ra"
+    assert find_column_meaning("sigma_x", "uas / yr").ucd == "stat.error;pos.cartesian.x"
+    assert find_column_meaning("pmra_error").meaning == f"Standard error of this: {find_column_meaning('pmra').meaning}"
+    assert find_column_meaning("nothing_error") is None
+    assert find_column_meaning("l").meaning == "Degree."
+    assert find_column_meaning("l", "deg").ucd == "pos.galactic.lon;meta.main"
 
 
 @pytest.mark.parametrize(("simulate", "epoch"), [(sim.crf3, "J2016.000"), (sim.crf4, "J2017.500")])
@@ -58,7 +58,7 @@ def test_simulated_catalogues_state_the_epoch_of_positions(tmp_path, simulate, e
 def test_files_say_what_columns_are(tmp_path, ending):
     write_table(Table({"pmra": [1.0], "mine": [2.0]}), tmp_path / f"c.{ending}")
     descriptions = open_table(tmp_path / f"c.{ending}").descriptions
-    assert descriptions == {"pmra": column_of("pmra").meaning}
+    assert descriptions == {"pmra": find_column_meaning("pmra").meaning}
 
 
 def test_degree_is_no_longitude(tmp_path):

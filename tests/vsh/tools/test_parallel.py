@@ -3,15 +3,15 @@ import sys
 
 import pytest
 
-from vsh.tools.parallel import end_with_parent, map_blocks
+from vsh.tools.parallel import end_worker_with_parent, map_blocks
 
 POOL = """
 import os, time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from vsh.tools.parallel import end_with_parent
+from vsh.tools.parallel import end_worker_with_parent
 if __name__ == "__main__":
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn"), initializer=end_worker_with_parent) as pool:
         pool.submit(os.getpid).result(), pool.submit(os.getpid).result()
         print("begun", flush=True)
         time.sleep(600)
@@ -29,7 +29,7 @@ def test_workers_leave_with_a_killed_parent(tmp_path):
 
 
 def test_outside_a_pool_there_is_no_parent():
-    assert end_with_parent() is None
+    assert end_worker_with_parent() is None
 
 
 @pytest.mark.parametrize("threads", [1, 2])

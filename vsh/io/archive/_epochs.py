@@ -15,7 +15,7 @@ from vsh.io import tables
 from vsh.io.archive._tap import _extract_message, _open_url, _read_at_most, _read_note, _RefusedError, _write_note
 from vsh.tools.arguments import positive, whole
 from vsh.tools.errors import ArchiveError, VshError
-from vsh.tools.files import atomic_write, digest, hold_lock, remove_unfinished
+from vsh.tools.files import atomic_write, digest, hold_lock, remove_unfinished_files
 from vsh.tools.parallel import progress_bar
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
@@ -103,7 +103,7 @@ def fetch_epochs(
         if not record:  # first of all: who is killed in the first batch goes on as well
             _write_note(note, request | {"files": files, "missing": missing})
         folder.mkdir(exist_ok=True)
-        remove_unfinished(folder)
+        remove_unfinished_files(folder)
         _check_unchanged(folder, files)
         structures = [structure] if structure else list(STRUCTURES)
         fetch = partial(_fetch_answer, request, structures, positive("patience", patience))

@@ -16,7 +16,7 @@ from vsh.io.catalogue._names import NAMED, ColumnRequest, Columns, find_correlat
 from vsh.io.columns import ASSUMED, REQUIRED, factor_to, missing_column, parse_unit
 from vsh.io.tables import TableSource
 from vsh.sky.frames import MEASURED_KEY
-from vsh.tools.bad_rows import as_floats, is_within, span_of
+from vsh.tools.bad_rows import as_floats_and_mask, is_within, span_of
 from vsh.tools.errors import EmptySelectionError, FieldError, TableError
 from vsh.tools.notes import (
     ASSUMED_MOTIONS,
@@ -472,9 +472,9 @@ def parse_sexagesimal(role: str, name: str, values: Any, missing: BoolArray | No
 def as_doubles(name: str, values: Any, missing: BoolArray | None, first_row: Any = 0) -> Any:
     """A column of numbers as an array of doubles, masked where values are missing."""
     if missing is None and not np.ma.isMaskedArray(values):
-        return as_floats(printable(name), values, None, first_row)[0]
+        return as_floats_and_mask(printable(name), values, None, first_row)[0]
     masked = np.ma.MaskedArray(values, False if missing is None else missing)
-    floats, mask = as_floats(printable(name), masked, None, first_row)
+    floats, mask = as_floats_and_mask(printable(name), masked, None, first_row)
     return np.ma.MaskedArray(floats, mask)
 
 

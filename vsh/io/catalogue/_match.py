@@ -16,7 +16,7 @@ from vsh.io.columns import missing_column, unit_factor
 from vsh.sky.frames import AXES, Positions
 from vsh.sky.sphere import triad
 from vsh.tools.arguments import positive
-from vsh.tools.bad_rows import RHO2_LIMIT, as_floats, select_usable
+from vsh.tools.bad_rows import RHO2_LIMIT, as_floats_and_mask, select_usable_rows
 from vsh.tools.errors import FieldError, FrameError, TableError
 from vsh.tools.notes import DOUBT, CodedNote
 from vsh.tools.printing import one_line_text, printable
@@ -366,7 +366,7 @@ def read_positions(
         numbers[role] = parse_sexagesimal(role, name, np.asarray(values), missing, str(unit or ""))
         if numbers[role] is None:
             factor = unit_factor(name, unit, _UNITS_BY_ROLE[role]) if role in _UNITS_BY_ROLE else 1.0
-            numbers[role] = as_floats(name, np.asarray(values))[0] * factor
+            numbers[role] = as_floats_and_mask(name, np.asarray(values))[0] * factor
             unitless |= {role: name} if role in _UNITS_BY_ROLE and unit is None else {}
         bad = ~np.isfinite(numbers[role]) | (False if missing is None else np.asarray(missing))
         if role.endswith("error"):
@@ -379,7 +379,7 @@ def read_positions(
         unusable[f"{name} missing or not usable"] = bad
     is_unit_assumed = None if {"ra", roles["ra"]} & {*(units or ())} else bool({"ra", "dec"} & {*unitless})
     doubts = check_degrees(numbers, is_unit_assumed, names=roles)
-    usable, notes = select_usable(unusable, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
+    usable, notes = select_usable_rows(unusable, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
     # What a table lacks: errors, for which one is given then, and correlations.
     n = len(numbers["ra"])
     numbers = dict.fromkeys(("ra_error", "dec_error"), np.full(n, (sigma or 0.0) / MAS)) | numbers

@@ -24,7 +24,7 @@ from vsh.io.archive import DR4
 from vsh.io.columns import missing_column, unit_factor
 from vsh.io.epochs._solve import COLOUR_PRIOR, make_design_rows, solve_epochs
 from vsh.tools.arguments import choice
-from vsh.tools.bad_rows import select_usable
+from vsh.tools.bad_rows import select_usable_rows
 from vsh.tools.errors import EmptyFieldError, TableError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import DroppedRows
@@ -722,7 +722,7 @@ def read_epochs(
     is_short = solution.observations <= (5 if colour is None else 6)
     least = "six" if colour is None else "seven"
     masks = {f"fewer than {least} observations": is_short, "scans in too few directions": ~solution.solved & ~is_short}
-    rows, added_notes = select_usable(masks, len(lon), on_bad, 0, (lon, lat))
+    rows, added_notes = select_usable_rows(masks, len(lon), on_bad, 0, (lon, lat))
     covariance = solution.covariance[rows][:, 3:, 3:]
     sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
     share = 100 * solution.outliers.sum() / max(1, solution.observations.sum())
