@@ -151,7 +151,7 @@ def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame
         sums = with_prior(sums, spin, OMEGA) if is_free else without_known(sums, spin.value, OMEGA)
     elif spin is not None and not is_free:
         raise ParameterError(f"spin is None, 'free' or a Vector, not {spin!r}")
-    matrix, rhs, nuisance = sums.matrix, sums.rhs, list(range(A.draw_start, OMEGA.stop if is_free else A.stop))
+    matrix, rhs, nuisance = sums.matrix, sums.rhs, list(range(A.start, OMEGA.stop if is_free else A.stop))
     n_aa, n_au = matrix[..., nuisance, :][..., nuisance], matrix[..., nuisance, U]
     inverse = np.linalg.inv(n_aa)
     slope = -inverse @ n_au

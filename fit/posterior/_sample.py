@@ -75,7 +75,7 @@ def make_equations_and_priors(
 def _format_omitted_flow_note(equations, model_priors):
     """Note on what omitted flows would add."""
     sums = equations.left_out.sums(model_priors.typical_dispersion, 0.0, equations.n_data // 2)
-    flow_errors = np.sqrt(np.diag(flow_covariance(sums, np.eye(9)[:, : OMEGA.draw_start], 1.0)))
+    flow_errors = np.sqrt(np.diag(flow_covariance(sums, np.eye(9)[:, : OMEGA.start], 1.0)))
     return (
         "warning: not in the intervals: flows of linear theory, which galaxies share, add about "
         f"± {np.sqrt(np.mean(flow_errors[:3] ** 2)):.0f} km/s to each component of v H0/H_ref, and ± "
