@@ -171,15 +171,15 @@ class GalacticOrbit(Result):
     @property
     def circular_speed(self) -> tuple[float, float]:
         """V0 = √(a R0) of the component towards the centre, and its error. [km/s]"""
-        value, error = self._require_inward()
+        value, error = self._require_inward_component()
         return circular_speed(value, error, self.r0, self.r0_error)
 
     @property
     def distance_of_centre(self) -> tuple[float, float]:
         """R0 = a/Ω0² with the motion of Sgr A*, and its error. [kpc]"""
-        return distance_of_centre(*self._require_inward())
+        return distance_of_centre(*self._require_inward_component())
 
-    def _require_inward(self) -> tuple[float, float]:
+    def _require_inward_component(self) -> tuple[float, float]:
         value, error = self.inward
         if not value > 0:
             raise ParameterError(

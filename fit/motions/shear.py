@@ -84,7 +84,7 @@ def to_tensor(coefficients: Coefficients) -> FloatArray:
     ModesError
         If there is no degree 2.
     """
-    return make_symmetric(TO_TENSOR @ coefficients.values[spheroidal_degree_two(coefficients.modes)])
+    return make_symmetric_tensor(TO_TENSOR @ coefficients.values[spheroidal_degree_two(coefficients.modes)])
 
 
 def spheroidal_degree_two(modes: Modes) -> slice:
@@ -94,7 +94,7 @@ def spheroidal_degree_two(modes: Modes) -> slice:
     return modes.slice_of("S", 2)
 
 
-def make_symmetric(components: FloatArray) -> FloatArray:
+def make_symmetric_tensor(components: FloatArray) -> FloatArray:
     """Make a symmetric matrix of its components xx, yy, zz, xy, xz, yz."""
     matrix = np.empty((3, 3))
     for (i, j), value in zip(COMPONENT_INDICES, components, strict=True):
@@ -255,7 +255,7 @@ def expansion(solution: Solution, *, hubble: float = 70.0) -> Shear:
     coefficients, coefficient_covariance = solution.of_degree("S", 2)
     components, tensor_covariance = TO_TENSOR @ coefficients, TO_TENSOR @ coefficient_covariance @ TO_TENSOR.T
     return Shear(
-        tensor=make_symmetric(components),
+        tensor=make_symmetric_tensor(components),
         covariance=(tensor_covariance + tensor_covariance.T) / 2,
         p_value=solution.p_value("S", 2),
         hubble=positive("hubble", hubble),
@@ -315,7 +315,7 @@ class ShearByClass(Result):
         values, tensor_covariance = self.means.mean(0), pool_draws(self.means, self.covariances)
         return tuple(
             Shear(
-                tensor=make_symmetric(values[i]),
+                tensor=make_symmetric_tensor(values[i]),
                 covariance=tensor_covariance[i, :, i],
                 p_value=self.p_value(i),
                 hubble=self.hubble,
@@ -353,7 +353,7 @@ class ShearByClass(Result):
     @property
     def slope(self) -> FloatArray:
         """Change of the tensor with the places, by weighted least squares, (3, 3). [µas/yr per unit of the places]"""
-        return make_symmetric(self._slope_weights @ self.means.mean(0))
+        return make_symmetric_tensor(self._slope_weights @ self.means.mean(0))
 
     @cached_property
     def _slope_weights(self):

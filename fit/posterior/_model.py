@@ -88,11 +88,11 @@ class LikelihoodFunctions:
     group: LocalGroup | None = None
 
     def at(self, s: FloatArray, x: FloatArray, q: FloatArray) -> FloatArray:
-        """The functions, (28, n), at n points: `marginalise` of the sums, flow and acceleration as they are known."""
+        """The functions, (28, n), at n points: `marginalise_nuisance` of the sums, flow and acceleration as known."""
         noise_pairs, pair_index = np.unique(np.stack([s, x]), axis=1, return_inverse=True)
         sums = with_acceleration(self.rows.sums(*noise_pairs, threads=self.threads), self.acceleration, self.rows.frame)
         if self.rows.modes is None:
-            return marginalise(sums, self.spin, self.rows.frame)[:, pair_index.ravel()]
+            return marginalise_nuisance(sums, self.spin, self.rows.frame)[:, pair_index.ravel()]
         columns = []
         for number, flow_size in zip(pair_index.ravel(), q, strict=True):
             pair_sums = ParallaxSums(
@@ -103,7 +103,7 @@ class LikelihoodFunctions:
             else:  # the amplitudes stand for H_ref, and their mean goes with H0
                 pair_sums = self.group.added(add_flow_prior(pair_sums, 9, 1.0), 9, 1.0, None, flow_size)
             marginal, _ = marginalise_flow(pair_sums, 9)
-            columns.append(marginalise(marginal, self.spin, self.rows.frame))
+            columns.append(marginalise_nuisance(marginal, self.spin, self.rows.frame))
         return np.stack(columns, axis=1)
 
 
@@ -142,8 +142,8 @@ def _tabulate_likelihood(functions, axes):
     return CompressedLikelihood(tuple(axes), values, functions.rows.hubble, functions.rows.frame)
 
 
-def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame: str) -> Any:
-    """The functions that are tabulated, (28, …), from normal equations, (…, 9, 9)."""
+def marginalise_nuisance(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame: str) -> Any:
+    """Marginalise acceleration and spin: the functions that are tabulated, (28, …), from equations, (…, 9, 9)."""
     is_free = isinstance(spin, str) and spin == "free"
     if isinstance(spin, Vector):
         spin = spin.to_frame(frame)

@@ -252,7 +252,7 @@ class Posterior(SampleResult):
     def burn_in(self) -> int:
         """Steps left out at the start: five autocorrelation times of the slowest coordinate; none of draws."""
         has_burn_in = self.method == "emcee" and self.cells is None
-        steps = 5 * np.nan_to_num(self._find_longest_autocorrelation(), nan=np.inf)  # of a walker that never moved
+        steps = 5 * np.nan_to_num(self._find_longest_autocorrelation_time(), nan=np.inf)  # of a walker that never moved
         return int(min(np.ceil(steps), len(self.chain))) if has_burn_in else 0
 
     @property
@@ -380,11 +380,11 @@ class Posterior(SampleResult):
 
     def _cut_burn_in(self):
         """The chain as it is kept; its second half where it is too short to tell."""
-        slowest = self._find_longest_autocorrelation()
+        longest = self._find_longest_autocorrelation_time()
         half = len(self.chain) // 2
-        return self.chain[min(half, self.burn_in) if np.isfinite(slowest) else half :]
+        return self.chain[min(half, self.burn_in) if np.isfinite(longest) else half :]
 
-    def _find_longest_autocorrelation(self):
+    def _find_longest_autocorrelation_time(self):
         return float(np.max(list(self.autocorrelation.values())))  # nan if any is
 
     def _check_chain_length(self):
@@ -396,12 +396,12 @@ class Posterior(SampleResult):
                     "(n_samples=, --posterior N)"
                 )
             return
-        slowest = self._find_longest_autocorrelation()
-        if steps >= ENOUGH * slowest:
+        longest = self._find_longest_autocorrelation_time()
+        if steps >= ENOUGH * longest:
             return
-        is_finite = np.isfinite(slowest)
-        length = f"{steps / slowest:.1f} autocorrelation times" if is_finite else "so few that some walkers never moved"
-        target_steps = int(np.ceil(2.5 * ENOUGH * slowest)) if is_finite else 10 * steps
+        is_finite = np.isfinite(longest)
+        length = f"{steps / longest:.1f} autocorrelation times" if is_finite else "so few that some walkers never moved"
+        target_steps = int(np.ceil(2.5 * ENOUGH * longest)) if is_finite else 10 * steps
         raise ConvergenceError(
             f"{steps} steps are {length}; {ENOUGH} times are needed for a result. Ask for "
             f"{target_steps * walkers} samples or more (n_samples=, --posterior; in Python also max_samples=); a chain "
@@ -434,15 +434,15 @@ def _compute_hubble_log_likelihood(model: Any) -> tuple[FloatArray, FloatArray] 
     # What depends on H0 beside v was tabulated for the H0 that its prior allows.
     is_tabulated = bool(nuisance_priors) or model.priors.group is not None
     limits = model.priors.limits("H0") if is_tabulated else HUBBLE_LIMITS
-    hubble, log_prior, axes = (np.geomspace(max(limits[0], HUBBLE_LIMITS[0]), limits[1], n_hubble), np.zeros(()), [])
+    hubble, log_prior, grids = (np.geomspace(max(limits[0], HUBBLE_LIMITS[0]), limits[1], n_hubble), np.zeros(()), [])
     for name, prior in nuisance_priors.items():
         lower, upper = model.priors.limits(name)
         # What is large goes with an H0 that is small.
-        axes.append(np.geomspace(max(lower, 1e-3 * upper), upper, n_nuisance))
-        log_prior = np.add.outer(log_prior, prior.log(axes[-1]) + np.log(np.gradient(axes[-1])))
+        grids.append(np.geomspace(max(lower, 1e-3 * upper), upper, n_nuisance))
+        log_prior = np.add.outer(log_prior, prior.log(grids[-1]) + np.log(np.gradient(grids[-1])))
     log_likelihood = np.empty(n_hubble)
     for chunk in np.array_split(np.arange(n_hubble), max(1, n_hubble * log_prior.size // 20_000)):
-        points = np.stack([grid.ravel() for grid in np.meshgrid(hubble[chunk], *axes, indexing="ij")], axis=1)
+        points = np.stack([grid.ravel() for grid in np.meshgrid(hubble[chunk], *grids, indexing="ij")], axis=1)
         log_marginal = model.marginalise_velocity(points, with_priors=False)[0].reshape(len(chunk), -1)
         log_likelihood[chunk] = logsumexp(log_marginal + log_prior.ravel(), axis=1)
     fine_hubble = np.geomspace(hubble[0], hubble[-1], 4000)

@@ -162,11 +162,11 @@ class ModelPriors:
     @property
     def free(self) -> dict[str, Prior]:
         """Names and priors of the free numbers besides the velocity; H0 comes first."""
-        return {name: prior for name, prior in self._collect_by_name().items() if not isinstance(prior, float)}
+        return {name: prior for name, prior in self._collect_priors_by_name().items() if not isinstance(prior, float)}
 
     def limits(self, name: str) -> tuple[float, float]:
         """The smallest and largest value of one of them that is ever asked for."""
-        prior = self._collect_by_name()[name]
+        prior = self._collect_priors_by_name()[name]
         if isinstance(prior, float):
             return prior, prior
         lower, upper = prior.low, prior.high
@@ -186,7 +186,7 @@ class ModelPriors:
             log_density += np.where((column >= lower) & (column <= upper), prior.log(column), -np.inf)
         return log_density
 
-    def _collect_by_name(self):
+    def _collect_priors_by_name(self):
         return {"H0": self.hubble} | {name: getattr(self, name) for name in _NUISANCE_NAMES}
 
     @property

@@ -132,11 +132,11 @@ def binned(
         radial_dispersion = peculiar_dispersion if flow is None else float(np.hypot(flow.dispersion, flow.theory.sigma))
         calibration = calibrate_if_known(field, redshift_frame, radial_dispersion)
     sum_normals = partial(normal_equations, threads=threads)
-    by_bin = partial(_sum_by_bin, edges=edges, modes=modes, calibration=calibration, flow=flow, sum_normals=sum_normals)
+    sum_up = partial(_sum_by_bin, edges=edges, modes=modes, calibration=calibration, flow=flow, sum_normals=sum_normals)
     if isinstance(field, Parts):
-        bin_sums = field.sum(by_bin, roles=("redshift",), words="bins of redshift")
+        bin_sums = field.sum(sum_up, roles=("redshift",), words="bins of redshift")
     else:
-        bin_sums = reduce(add_sums, map(by_bin, [field] if isinstance(field, Field) else field), {})
+        bin_sums = reduce(add_sums, map(sum_up, [field] if isinstance(field, Field) else field), {})
     for i in range(n_bins):
         if i not in bin_sums:
             raise DegeneracyError(f"bin {i + 1} of {n_bins}, {_label_bins(edges)[i]}, is empty: choose other edges")
