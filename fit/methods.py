@@ -41,12 +41,12 @@ _DEGREE = 5
 #: Where many errors are too small, Student's t is tried with the Gaussian excess noise, which outliers enlarge; it is
 #: halved so often at most. A fit that goes exactly through a few precise sources gains p ln 2 in ln L by each halving,
 #: one number for each of its p coefficients: less than this beyond it is no reason.
-_HALVINGS, _GAIN = 8, 6.0
+_MAX_HALVINGS, _LEAST_GAIN = 8, 6.0
 #: It is estimated without motions of so many times their median.
 _LARGEST_MOTION = 10.0
 #: Catalogues in which the errors make fewer sources count, by (Σw)²/Σw², are always fitted with such a noise: a few
 #: sources with much smaller errors than the others would determine the fit, and nothing could contradict them.
-_PRECISE = 64
+_FEWEST_EFFECTIVE = 64
 #: Sources of which more have the noise that a sample tells, and are fitted to this part of their errors. Where ν of a
 #: sample is below the last, that of all is below 1.3.
 _MANY_SOURCES, _LOOSE_TOLERANCE, _LEAST_SAMPLE_NU = 100_000, 1e-3, 1.2
@@ -167,13 +167,13 @@ def recommended(field: Any, lmax: int | None = None) -> Recommended:
     >>> result.solution.modes.lmax, result.floor is not None
     (5, True)
     """
-    counts, w, w2 = as_parts(field, SourcesWithErrors).sum(_sum_weights, roles=())
-    n_sources = int(counts)
+    count, weight_sum, square_sum = as_parts(field, SourcesWithErrors).sum(_sum_weight_moments, roles=())
+    n_sources = int(count)
     max_degree = _DEGREE if lmax is None else arguments.whole("lmax", lmax)
     degree, reason = degree_for(max(n_sources, _FEWEST), max_degree), f"{n_sources} sources do not bear more"
     while True:
         try:
-            weights, solution = _fit_robustly(field, degree, n_sources, w**2 > _PRECISE * w2)
+            weights, solution = _fit_robustly(field, degree, n_sources, weight_sum**2 > _FEWEST_EFFECTIVE * square_sum)
             break
         except DegeneracyError:
             if degree == 1:
@@ -200,9 +200,9 @@ def _fit_robustly(field, degree, n_sources, is_weight_shared):
     reason, tolerance = "", 1e-4 if n_sources <= _MANY_SOURCES else _LOOSE_TOLERANCE
     try:
         if is_weight_shared:
-            without_noise = student_t(field, degree, tolerance=tolerance, least_nu=_LEAST_SAMPLE_NU)
-            if ERRORS_TOO_SMALL not in codes_of(without_noise.solution.notes):
-                return without_noise, without_noise.solution
+            noiseless_fit = student_t(field, degree, tolerance=tolerance, least_nu=_LEAST_SAMPLE_NU)
+            if ERRORS_TOO_SMALL not in codes_of(noiseless_fit.solution.notes):
+                return noiseless_fit, noiseless_fit.solution
         # Its likelihood is not compared with those below: where errors say little of the scatter, a fit without noise
         # goes through the most precise sources, there it is the likelier the smaller their errors are.
     except (ConvergenceError, TailsError) as error:
@@ -214,31 +214,31 @@ def _fit_robustly(field, degree, n_sources, is_weight_shared):
             sample_fits = _fit_halving_noise(
                 sample_of(as_parts(field, SourcesWithErrors), _MANY_SOURCES // 5, n_sources), min(degree, _DEGREE)
             )
-            noises = [each.noise for each in sample_fits[-1:]]
+            noises = [sample_fit.noise for sample_fit in sample_fits[-1:]]
             fits = [student_t(field, degree, tolerance=tolerance, max_rounds=_ROUNDS, noise=noise) for noise in noises]
     if not fits:
         solution = fit_field(field, degree).scaled
         note = f"warning: least squares in place of Student's t ({reason or 'no fit with an excess noise settled'})"
         return None, replace(solution, notes=(*solution.notes, note))
-    best = fits[-1]
-    solution = best.solution
-    if best.noise:
-        noise_size = f"{best.noise:.4g} {solution.unit}".rstrip()
+    last_fit = fits[-1]
+    solution = last_fit.solution
+    if last_fit.noise:
+        noise_size = f"{last_fit.noise:.4g} {solution.unit}".rstrip()
         text = f"an excess noise of {noise_size}, by the residuals, was added in quadrature to every error"
         note = CodedNote(text, ERRORS_TOO_SMALL)
         solution = replace(solution, notes=(*solution.notes, note))
-    return best, solution
+    return last_fit, solution
 
 
 def _fit_halving_noise(field, degree):
     """Fits with an excess noise, halved while that makes them likelier by more than it must; the last is the best."""
     fits: list[ReweightedFit] = []
-    limit = _LARGEST_MOTION * median(as_parts(field, SourcesWithErrors), _compute_sizes, "noise")
-    noise = excess_noise(apply_step(field, partial(_select_small, limit=limit)), degree).excess_noise
-    for _ in range(_HALVINGS):
+    motion_limit = _LARGEST_MOTION * median(as_parts(field, SourcesWithErrors), _compute_motion_sizes, "noise")
+    noise = excess_noise(apply_step(field, partial(_select_small_motions, limit=motion_limit)), degree).excess_noise
+    for _ in range(_MAX_HALVINGS):
         with suppress(ConvergenceError, DegeneracyError):
             refit = student_t(field, degree, noise=noise, max_rounds=_ROUNDS)
-            least_gain = _GAIN + len(refit.solution.modes) * np.log(2)
+            least_gain = _LEAST_GAIN + len(refit.solution.modes) * np.log(2)
             if not fits or refit.log_likelihood >= fits[-1].log_likelihood + least_gain:
                 fits.append(refit)
                 noise /= 2
@@ -247,17 +247,17 @@ def _fit_halving_noise(field, degree):
     return fits
 
 
-def _compute_sizes(field):
+def _compute_motion_sizes(field):
     """Compute the size of each motion, or number."""
     return np.linalg.norm(field.data, axis=0)
 
 
-def _select_small(field, limit):
+def _select_small_motions(field, limit):
     """Select the sources whose motion is not larger than a limit."""
-    return field[_compute_sizes(field) <= limit]
+    return field[_compute_motion_sizes(field) <= limit]
 
 
-def _sum_weights(field):
+def _sum_weight_moments(field):
     """Sum the number of the sources, their weights, and the squares of these."""
     weights = field.information
     return np.array([len(field), weights.sum(), weights @ weights])
@@ -268,10 +268,10 @@ def _estimate_floor(solution):
     if solution.modes.lmax < _LEAST_FLOOR_DEGREE:
         return None
     try:
-        systematic = floor(solution)
+        systematic_floor = floor(solution)
     except VshError:
         return None
-    return systematic if np.isfinite(list(systematic.powers.values())).all() else None
+    return systematic_floor if np.isfinite(list(systematic_floor.powers.values())).all() else None
 
 
 #: The degree of every estimator but the recommended one, which chooses its own.
@@ -340,8 +340,8 @@ class Estimate(WeightedFit):
 
 
 def _run_recommended(field, lmax, value, rng):
-    best = recommended(field, lmax)
-    return Estimate(solution=best.solution, method="recommended", sources=field, plain=best.plain, weights=best.weights)
+    fit = recommended(field, lmax)
+    return Estimate(solution=fit.solution, method="recommended", sources=field, plain=fit.plain, weights=fit.weights)
 
 
 def _run_least_squares(field, lmax, value, rng):
@@ -350,13 +350,13 @@ def _run_least_squares(field, lmax, value, rng):
 
 
 def _run_clip(field, lmax, value, rng):
-    result = clip(field, lmax, 3.0 if value is None else float(value))
-    return _make_estimate("clip", result.solution, result.sources(field), result.n_clipped)
+    clipped_fit = clip(field, lmax, 3.0 if value is None else float(value))
+    return _make_estimate("clip", clipped_fit.solution, clipped_fit.sources(field), clipped_fit.n_clipped)
 
 
 def _run_student(field, lmax, value, rng):
-    weights = student_t(field, lmax)
-    return _make_estimate("student", _drop_unsure_errors(weights), field, 0, weights)
+    robust_fit = student_t(field, lmax)
+    return _make_estimate("student", _drop_unsure_errors(robust_fit), field, 0, robust_fit)
 
 
 #: Degrees of freedom that the scores of a robust fit must have for its errors to be those of the sources; and with many
@@ -364,31 +364,31 @@ def _run_student(field, lmax, value, rng):
 _SURE_DOF, _DOUBTFUL_DOF, _TAILS_NU = 7, 100, 10
 
 
-def _drop_unsure_errors(weights):
+def _drop_unsure_errors(robust_fit):
     """Return a fit without errors where a few sources decide it: nothing could contradict them."""
-    solution = weights.solution
-    min_dof = max(_SURE_DOF, len(solution.modes)) if weights.nu < _TAILS_NU else _SURE_DOF
+    solution = robust_fit.solution
+    min_dof = max(_SURE_DOF, len(solution.modes)) if robust_fit.nu < _TAILS_NU else _SURE_DOF
     if solution.covariance_dof >= (_DOUBTFUL_DOF if ERRORS_TOO_SMALL in codes_of(solution.notes) else min_dof):
         return solution
-    text = "warning: few sources decide this fit, and it has no errors: fit.recommended adds a noise to those quoted"
-    return replace(solution, covariance_dof=0.0, notes=(*solution.notes, CodedNote(text, ERRORS_TOO_SMALL)))
+    warning = "warning: few sources decide this fit, and it has no errors: fit.recommended adds a noise to those quoted"
+    return replace(solution, covariance_dof=0.0, notes=(*solution.notes, CodedNote(warning, ERRORS_TOO_SMALL)))
 
 
 def _run_excess_noise(field, lmax, value, rng):
-    weights = excess_noise(field, lmax, scale=choice("excess-noise", value, (None, "scale")) == "scale")
-    return _make_estimate("excess-noise", weights.solution, field, 0, weights)
+    noise_fit = excess_noise(field, lmax, scale=choice("excess-noise", value, (None, "scale")) == "scale")
+    return _make_estimate("excess-noise", noise_fit.solution, field, 0, noise_fit)
 
 
 def _run_bootstrap(field, lmax, value, rng):
-    result = bootstrap(field, lmax, 100 if value is None else int(value), rng)
-    return _make_estimate("bootstrap", result.resampled_solution, field)
+    resampled = bootstrap(field, lmax, 100 if value is None else int(value), rng)
+    return _make_estimate("bootstrap", resampled.resampled_solution, field)
 
 
 def _run_jackknife(field, lmax, value, rng):
     if value is not None:
         return _make_estimate("jackknife", jackknife(field, lmax, int(value)).resampled_solution, field)
-    _, best, advice = compare_blocks(field, lmax)
-    solution = best.resampled.resampled_solution
+    _, best_blocks, advice = compare_blocks(field, lmax)
+    solution = best_blocks.resampled.resampled_solution
     return _make_estimate("jackknife", replace(solution, notes=(*solution.notes, advice)), field)
 
 

@@ -583,7 +583,7 @@ def _format_posterior_lines(posterior, factor):
     if has_speed:
         median, lower, upper, *_ = texts["speed"]
         lines.append(("speed", f"{median} km/s ({lower} to {upper}, 68 %), posterior"))
-    priors = posterior.model.priors.in_words()
+    priors = posterior.model.priors.describe_in_words()
     lines.append(("prior", f"H0 {priors['hubble']}; velocity {priors['velocity']}"))
     medians = [quantiles.median for quantiles in posterior.hubble_by_prior.values()]
     if medians and max(medians) > _PRIOR_FACTOR * min(medians):

@@ -46,9 +46,9 @@ class FrameResult(Result):
     @property
     def answer(self) -> Answer:
         """The result to quote: the vectors of each pair."""
-        several = len(self.pairs) > 1
+        has_several = len(self.pairs) > 1
         lines = [
-            (f"{catalogue} − {reference}: {name}" if several else name, words_of(vector))
+            (f"{catalogue} − {reference}: {name}" if has_several else name, words_of(vector))
             for catalogue, reference in self.pairs
             for name, vector in self.vectors(catalogue, reference).items()
         ]

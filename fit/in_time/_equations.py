@@ -105,21 +105,21 @@ class TimeEquations(Frozen):
         free = np.flatnonzero(~self.unconstrained_terms)
         matrix = self.matrix[np.ix_(free, free)]
         scale = np.sqrt(np.diag(matrix))
-        values, directions = np.linalg.eigh(matrix / np.outer(scale, scale))
-        return free, values, directions, (values > 0) & (values > _LEAST_INFORMATION * values[-1])
+        eigenvalues, directions = np.linalg.eigh(matrix / np.outer(scale, scale))
+        return free, eigenvalues, directions, (eigenvalues > 0) & (eigenvalues > _LEAST_INFORMATION * eigenvalues[-1])
 
     def named(self, free: IntArray, direction: FloatArray, most: int = 3) -> str:
         """A combination of the unknowns `free` in words, by the `most` largest coefficients of its `direction`."""
         names = [f"{function} {mode}" for function in self.functions.names for mode in self.modes]
-        largest = np.argsort(-np.abs(direction))[:most]
-        return ", ".join(f"{direction[i]:+.2f} {names[free[i]]}" for i in largest)
+        largest_indices = np.argsort(-np.abs(direction))[:most]
+        return ", ".join(f"{direction[i]:+.2f} {names[free[i]]}" for i in largest_indices)
 
     @property
     def unconstrained_terms(self) -> BoolArray:
         """Mask of unknowns that nothing determines, (F p,): where the attitude was solved, a rotation in time."""
-        size = np.diag(self.matrix)
+        information = np.diag(self.matrix)
         is_dipole = np.tile(self.modes.degrees == 1, len(self.functions))
-        return (size <= 0) | (is_dipole & (size < 1e-3 * np.median(size)))
+        return (information <= 0) | (is_dipole & (information < 1e-3 * np.median(information)))
 
 
 def normal_equations(
@@ -171,37 +171,37 @@ def normal_equations(
     arguments.a(Functions)("functions", functions)
     modes = as_modes(lmax)
     total: TimeEquations | None = None
-    names: set[Any] = set()
-    for chunk in _iterate_chunks(observations):
-        chunk_names = set(np.asarray(chunk.name).tolist())
-        if twice := names & chunk_names:
+    earlier_names: set[Any] = set()
+    for part in _iterate_parts(observations):
+        part_names = set(np.asarray(part.name).tolist())
+        if twice := earlier_names & part_names:
             raise TableError(
                 f"{len(twice)} sources stand in two parts ({printable(min(twice))}, …): the five parameters of a source"
                 " need all of its observations together"
             )
-        names |= chunk_names
-        equations = _sum_part(chunk, modes, functions, attitude, threads)
+        earlier_names |= part_names
+        equations = _sum_part_equations(part, modes, functions, attitude, threads)
         total = equations if total is None else total + equations
     if total is None or total.n_sources == 0:
         raise EmptyFieldError("no source has more observations than five parameters of its own: none tells of time")
     return total
 
 
-def _iterate_chunks(observations: Any) -> Iterator[Observations]:
-    """Iterate over the parts, each read when its turn comes."""
+def _iterate_parts(observations: Any) -> Iterator[Observations]:
+    """Iterate over the parts of the observations, each read when its turn comes."""
     if isinstance(observations, Observations):
         yield observations
     elif isinstance(observations, str | Path):
         yield from iterate_observations(observations)
     elif isinstance(observations, Iterable):
         for entry in observations:
-            yield from _iterate_chunks(entry)
+            yield from _iterate_parts(entry)
     else:
         raise ParameterError(f"observations must be Observations or files of epochs, not {observations!r}")
 
 
-def _sum_part(observations, modes, functions, attitude, threads):
-    """Sum the equations of one part."""
+def _sum_part_equations(observations, modes, functions, attitude, threads):
+    """Sum the equations of one part of the observations."""
     n, n_unknowns = len(observations.lon), len(functions) * len(modes)
     bounds = np.searchsorted(observations.source, np.arange(n + 1))
     has_response = not isinstance(attitude, str)
@@ -232,43 +232,43 @@ def _sum_part(observations, modes, functions, attitude, threads):
     )
 
 
-def _sum_block_products(observations, bounds, start, stop, modes, functions, attitude):
+def _sum_block_products(observations, transit_bounds, start, stop, modes, functions, attitude):
     """Sum products of the templates and positions of some sources, their five parameters taken out."""
-    transits = slice(bounds[start], bounds[stop])
-    size = len(functions) * len(modes) + 1
+    transits = slice(transit_bounds[start], transit_bounds[stop])
+    n_columns = len(functions) * len(modes) + 1
     source, design, time = observations.source[transits], observations.design[:, transits], observations.time[transits]
     if not len(source):
-        return np.zeros((size, size)), 0, 0
+        return np.zeros((n_columns, n_columns)), 0, 0
     lon, lat, scan = observations.lon[source], observations.lat[source], design[:2]
-    columns = np.empty((len(source), size))
+    columns = np.empty((len(source), n_columns))
     if attitude is None:
         fields = harmonics(observations.lon[start:stop], observations.lat[start:stop], modes)[:, :, source - start]
-        along = fields[:, 0] * scan[0] + fields[:, 1] * scan[1]
-        columns[:, :-1] = np.einsum("fk,pk->kfp", functions(time), along).reshape(len(time), -1)
+        along_scan = fields[:, 0] * scan[0] + fields[:, 1] * scan[1]
+        columns[:, :-1] = np.einsum("fk,pk->kfp", functions(time), along_scan).reshape(len(time), -1)
     else:
         view = None if observations.view is None else observations.view[transits]
         columns[:, :-1] = attitude.left(lon, lat, scan, time, modes, functions, view=view)
     columns[:, -1] = observations.position[transits]
     columns /= observations.error[transits][:, None]
     own_columns = (design / observations.error[transits]).T
-    prior = np.zeros((0, 5))
+    prior_row = np.zeros((0, 5))
     if observations.colour is not None:  # a pseudocolour, and its prior as one more observation of each source
         own_columns = np.column_stack([own_columns, -observations.colour[transits] / observations.error[transits]])
-        prior = np.array([[0, 0, 0, 0, 0, 1 / COLOUR_PRIOR]])
-    prior_columns = np.zeros((stop - start, size))
-    counts = np.bincount(source - start, minlength=stop - start)
-    row_starts = np.concatenate([[0], np.cumsum(counts)])
+        prior_row = np.array([[0, 0, 0, 0, 0, 1 / COLOUR_PRIOR]])
+    prior_columns = np.zeros((stop - start, n_columns))
+    transit_counts = np.bincount(source - start, minlength=stop - start)
+    row_starts = np.concatenate([[0], np.cumsum(transit_counts)])
     n_data = n_sources = 0
     for k in range(stop - start):
         source_rows = slice(row_starts[k], row_starts[k + 1])
-        if counts[k] > own_columns.shape[1]:
-            stacked = np.vstack([own_columns[source_rows], prior])
+        if transit_counts[k] > own_columns.shape[1]:
+            stacked = np.vstack([own_columns[source_rows], prior_row])
             orthogonal, triangular = np.linalg.qr(stacked / np.maximum(np.linalg.norm(stacked, axis=0), 1e-300))
             if np.abs(np.diag(triangular)).min() > 1e-5:
-                fitted = orthogonal @ (orthogonal[: counts[k]].T @ columns[source_rows])
-                columns[source_rows] -= fitted[: counts[k]]
-                prior_columns[k] = fitted[counts[k] :].sum(0)
-                n_data, n_sources = n_data + int(counts[k]), n_sources + 1
+                fitted = orthogonal @ (orthogonal[: transit_counts[k]].T @ columns[source_rows])
+                columns[source_rows] -= fitted[: transit_counts[k]]
+                prior_columns[k] = fitted[transit_counts[k] :].sum(0)
+                n_data, n_sources = n_data + int(transit_counts[k]), n_sources + 1
                 continue
         columns[source_rows] = 0.0
     return columns.T @ columns + prior_columns.T @ prior_columns, n_data, n_sources
@@ -303,12 +303,12 @@ def solve(equations: TimeEquations) -> TimeSolution:
             "functions: take fewer functions, a lower degree, or more sources"
         )
     covariance_root = directions[:, is_determined] / np.sqrt(eigenvalues[is_determined]) / scale[:, None]
-    size = len(functions) * len(modes)
-    coefficients, covariance = np.zeros(size), np.zeros((size, size))
+    n_unknowns = len(functions) * len(modes)
+    coefficients, covariance = np.zeros(n_unknowns), np.zeros((n_unknowns, n_unknowns))
     coefficients[free] = covariance_root @ (covariance_root.T @ equations.rhs[free])
     covariance[np.ix_(free, free)] = covariance_root @ covariance_root.T
-    shares = np.zeros(size)
-    shares[free] = np.sum(directions[:, is_determined] ** 2, 1)
+    seen_shares = np.zeros(n_unknowns)
+    seen_shares[free] = np.sum(directions[:, is_determined] ** 2, 1)
     held_names = tuple(equations.named(free, directions[:, i]) for i in np.flatnonzero(~is_determined))
     return TimeSolution(
         modes=modes,
@@ -319,7 +319,7 @@ def solve(equations: TimeEquations) -> TimeSolution:
         dof=equations.n_data - 5 * equations.n_sources - int(is_determined.sum()),
         n_sources=equations.n_sources,
         attitude=equations.attitude,
-        seen=shares.reshape(len(functions), -1),
+        seen=seen_shares.reshape(len(functions), -1),
         lost=held_names,
         notes=equations.notes,
     )

@@ -30,7 +30,7 @@ from vsh.vector import Vector
 DR4_SPAN = (-2.94, 2.55)
 #: Panels of the integrals over a mission, and Gauss nodes of each: functions of less than a few hundred cycles.
 _N_PANELS, _N_NODES = 250, 12
-_KINDS = ("cos", "sin")
+_FAMILIES = ("cos", "sin")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,14 +63,14 @@ class Functions(Frozen):
         start, end = (arguments.number("span", edge) for edge in self.span)
         if not start < end:
             raise ParameterError(f"a span goes from a start to a later end, not {self.span!r}")
-        if not self.terms or any(family not in _KINDS for family, _ in self.terms):
-            raise ParameterError(f"terms are pairs of one of {', '.join(_KINDS)} and a number, not {self.terms!r}")
+        if not self.terms or any(family not in _FAMILIES for family, _ in self.terms):
+            raise ParameterError(f"terms are pairs of one of {', '.join(_FAMILIES)} and a number, not {self.terms!r}")
         if len(set(self.terms)) < len(self.terms):
             raise ParameterError("a function stands among the terms twice: it could not be told from itself")
         # An exact line by least squares at Gauss nodes.
-        node, weight = _compute_nodes()
-        time = self._middle + self._half_span * node
-        self._cache["line"] = (self._evaluate(time) * weight) @ _evaluate_line(node).T
+        nodes, weights = _compute_quadrature()
+        time = self._mid_time + self._half_span * nodes
+        self._cache["line"] = (self._evaluate(time) * weights) @ _evaluate_line(nodes).T
 
     def __len__(self) -> int:
         return len(self.terms)
@@ -97,10 +97,10 @@ class Functions(Frozen):
     def __call__(self, time: ArrayLike) -> FloatArray:
         """Their values, (F, k), at `time` since the reference epoch, (k,). [yr]"""
         time = np.atleast_1d(np.asarray(time, float))
-        return self._evaluate(time) - self._cache["line"] @ _evaluate_line((time - self._middle) / self._half_span)
+        return self._evaluate(time) - self._cache["line"] @ _evaluate_line((time - self._mid_time) / self._half_span)
 
     @property
-    def _middle(self):
+    def _mid_time(self):
         return (self.span[0] + self.span[1]) / 2
 
     @property
@@ -111,18 +111,18 @@ class Functions(Frozen):
         return np.array([getattr(np, family)(2 * np.pi * number * time) for family, number in self.terms])
 
 
-def _evaluate_line(node):
+def _evaluate_line(nodes):
     """Evaluate a constant and a slope, orthonormal from −1 to 1."""
-    return np.array([np.full_like(node, np.sqrt(0.5)), node * np.sqrt(1.5)])
+    return np.array([np.full_like(nodes, np.sqrt(0.5)), nodes * np.sqrt(1.5)])
 
 
 @lru_cache(maxsize=1)
-def _compute_nodes():
+def _compute_quadrature():
     """Compute nodes and weights of an integral from −1 to 1."""
-    node, weight = np.polynomial.legendre.leggauss(_N_NODES)
+    panel_nodes, panel_weights = np.polynomial.legendre.leggauss(_N_NODES)
     edges = np.linspace(-1, 1, _N_PANELS + 1)
     half_panel = (edges[1] - edges[0]) / 2
-    return (edges[:-1, None] + half_panel * (1 + node)).ravel(), np.tile(half_panel * weight, _N_PANELS)
+    return (edges[:-1, None] + half_panel * (1 + panel_nodes)).ravel(), np.tile(half_panel * panel_weights, _N_PANELS)
 
 
 def waves(*frequencies: float, span: tuple[float, float] = DR4_SPAN) -> Functions:
@@ -235,10 +235,10 @@ class TimeSolution(Result):
         covariance : (p, p) array
             [µas²]
         """
-        weight = self.functions([arguments.number("time", time)])[:, 0]
+        weights = self.functions([arguments.number("time", time)])[:, 0]
         f, p = self.values.shape
-        coefficient_covariance = np.einsum("f,fpgq,g->pq", weight, self.covariance.reshape(f, p, f, p), weight)
-        return Coefficients(self.modes, weight @ self.values), coefficient_covariance
+        coefficient_covariance = np.einsum("f,fpgq,g->pq", weights, self.covariance.reshape(f, p, f, p), weights)
+        return Coefficients(self.modes, weights @ self.values), coefficient_covariance
 
     def vector(self, kind: Kind, time: float) -> Vector:
         """The `kind` "T", a rotation, or "S", a glide, at a `time` since the reference epoch [yr], a Vector in µas."""
@@ -272,12 +272,12 @@ class TimeSolution(Result):
         row = self.functions.names.index(function)
         indices = np.arange(len(self.modes))[self.modes.slice_of(kind, l)]
         norm = self.modes.norm2[indices]
-        positions = row * len(self.modes) + indices
-        block = self.covariance[np.ix_(positions, positions)]
-        chi2, rank = _test_against_zero(self.values[row, indices], block, self.seen[row, indices] > SEEN)
+        terms = row * len(self.modes) + indices
+        block_covariance = self.covariance[np.ix_(terms, terms)]
+        chi2, rank = _test_against_zero(self.values[row, indices], block_covariance, self.seen[row, indices] > SEEN)
         return (
             float(norm @ self.values[row, indices] ** 2),
-            float(norm @ np.diag(block)),
+            float(norm @ np.diag(block_covariance)),
             f_p_value(chi2, rank, self.dof),
         )
 
@@ -290,9 +290,9 @@ class TimeSolution(Result):
             The rotation, which is seen where the attitude is known, or the glide.
         """
         indices = np.arange(len(self.modes))[self.modes.slice_of(kind, 1)]
-        at = (np.arange(len(self.functions))[:, None] * len(self.modes) + indices).ravel()
+        terms = (np.arange(len(self.functions))[:, None] * len(self.modes) + indices).ravel()
         chi2, rank = _test_against_zero(
-            self.values.ravel()[at], self.covariance[np.ix_(at, at)], self.seen.ravel()[at] > SEEN
+            self.values.ravel()[terms], self.covariance[np.ix_(terms, terms)], self.seen.ravel()[terms] > SEEN
         )
         return chi2, rank, f_p_value(chi2, rank, self.dof)
 
@@ -309,14 +309,14 @@ class TimeSolution(Result):
             facts.append(("warning", warning))
         for kind, quantity in (("S", "glide"), ("T", "rotation")):
             chi2, rank, p_value = self.rest(kind)  # type: ignore[arg-type]
-            text = f"χ² {chi2:.1f} of {rank} unknowns, p = {printed_p_value(p_value)}"
-            unseen = "not seen: an attitude solved from the same sky takes all of it"
-            facts.append((f"{quantity} in time", text if rank else unseen))
+            test_words = f"χ² {chi2:.1f} of {rank} unknowns, p = {printed_p_value(p_value)}"
+            unseen_words = "not seen: an attitude solved from the same sky takes all of it"
+            facts.append((f"{quantity} in time", test_words if rank else unseen_words))
         rows = []
-        for name, l, kind in product(self.functions.names, range(1, self.modes.lmax + 1), "TS"):
-            power, noise, p_value = self.power(name, kind, l)  # type: ignore[arg-type]
+        for function, l, kind in product(self.functions.names, range(1, self.modes.lmax + 1), "TS"):
+            power, noise, p_value = self.power(function, kind, l)  # type: ignore[arg-type]
             if np.isfinite(p_value):
-                rows.append((name, f"{kind}{l}", float(np.sqrt(power)), float(np.sqrt(noise)), p_value))
+                rows.append((function, f"{kind}{l}", float(np.sqrt(power)), float(np.sqrt(noise)), p_value))
         column_names = ("function", "degree", "√power", "√noise", "p_value")
         table = tables.table_of_rows(column_names, rows, {}, {"√power": "uas", "√noise": "uas"})
         remarks = []
@@ -348,7 +348,7 @@ class TimeSolution(Result):
 
 def _test_against_zero(values, coefficient_covariance, is_seen):
     """Compute χ² against zero of the coefficients that are seen, and count those."""
-    rows = np.flatnonzero(is_seen)
-    if not len(rows):
+    seen = np.flatnonzero(is_seen)
+    if not len(seen):
         return 0.0, 0
-    return float(values[rows] @ np.linalg.solve(coefficient_covariance[np.ix_(rows, rows)], values[rows])), len(rows)
+    return float(values[seen] @ np.linalg.solve(coefficient_covariance[np.ix_(seen, seen)], values[seen])), len(seen)

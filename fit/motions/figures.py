@@ -25,14 +25,14 @@ _MULTIPLICITY = np.diag([1, 1, 1, 2, 2, 2])
 
 
 @apply_style
-def plot_orbit(galactic_orbit: Any, circular: float, *, ax: Axes | None = None) -> Axes:
+def plot_orbit(galactic_orbit: Any, circular_acceleration: float, *, ax: Axes | None = None) -> Axes:
     """The three components with their errors, and the acceleration of a circular orbit."""
     (axes,) = panels(ax)
     acceleration = galactic_orbit.acceleration
     axes.errorbar(range(3), acceleration.value, acceleration.sigma, fmt="o", color=COLOURS[0], label="found")
     axes.scatter(
         range(3),
-        [circular, 0, 0],
+        [circular_acceleration, 0, 0],
         marker="_",
         s=400,
         color=COLOURS[1],

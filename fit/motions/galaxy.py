@@ -34,12 +34,12 @@ SOLAR_SPEED_ERROR = 2.1
 #: By which that speed is divided. [kpc]
 _R0_OF_SPEED = 8.178
 #: (km/s)²/kpc in km/s/Myr.
-_PER_KPC = 1e6 * JULIAN_YEAR / 3.0856775814913673e16
+_KM2_S2_KPC = 1e6 * JULIAN_YEAR / 3.0856775814913673e16
 
 
 def _compute_speed2_over_radius(acceleration):
     """Compute V²/R of an apparent acceleration. [(km/s)²/kpc]"""
-    return acceleration / (KM_S_MYR * _PER_KPC)
+    return acceleration / (KM_S_MYR * _KM2_S2_KPC)
 
 
 def circular_speed(
@@ -65,9 +65,9 @@ def circular_speed(
     '243.7 ± 8.4'
     """
     acceleration, r0 = positive("acceleration", acceleration), positive("r0", r0)
-    error = not_negative("acceleration_error", acceleration_error), not_negative("r0_error", r0_error)
+    errors = not_negative("acceleration_error", acceleration_error), not_negative("r0_error", r0_error)
     speed = np.sqrt(_compute_speed2_over_radius(acceleration) * r0)
-    return float(speed), float(speed / 2 * np.hypot(error[0] / acceleration, error[1] / r0))
+    return float(speed), float(speed / 2 * np.hypot(errors[0] / acceleration, errors[1] / r0))
 
 
 def angular_speed(motion: float = SGR_A[0], solar_speed: float = SOLAR_SPEED, r0: float = _R0_OF_SPEED) -> float:
@@ -129,7 +129,7 @@ def expected_acceleration(r0: float = R0[0], speed: float | None = None) -> floa
     4.804
     """
     speed = angular_speed() if speed is None else positive("speed", speed)
-    return float(speed**2 * positive("r0", r0) * KM_S_MYR * _PER_KPC)
+    return float(speed**2 * positive("r0", r0) * KM_S_MYR * _KM2_S2_KPC)
 
 
 _AXIS_NAMES = ("towards the centre", "along rotation", "towards the north pole")
@@ -165,21 +165,21 @@ class GalacticOrbit(Result):
     def amplitude_bias(self) -> float:
         """Bias of the amplitude by noise, to first order: (tr C − rᵀCr)/2a. [µas/yr]"""
         vector = self.acceleration
-        along = vector.value / vector.amplitude
-        return float((np.trace(vector.covariance) - along @ vector.covariance @ along) / (2 * vector.amplitude))
+        direction = vector.value / vector.amplitude
+        return float((np.trace(vector.covariance) - direction @ vector.covariance @ direction) / (2 * vector.amplitude))
 
     @property
     def circular_speed(self) -> tuple[float, float]:
         """V0 = √(a R0) of the component towards the centre, and its error. [km/s]"""
-        value, error = self._require_inward()
+        value, error = self._require_inward_component()
         return circular_speed(value, error, self.r0, self.r0_error)
 
     @property
     def distance_of_centre(self) -> tuple[float, float]:
         """R0 = a/Ω0² with the motion of Sgr A*, and its error. [kpc]"""
-        return distance_of_centre(*self._require_inward())
+        return distance_of_centre(*self._require_inward_component())
 
-    def _require_inward(self) -> tuple[float, float]:
+    def _require_inward_component(self) -> tuple[float, float]:
         value, error = self.inward
         if not value > 0:
             raise ParameterError(
@@ -236,11 +236,11 @@ class GalacticOrbit(Result):
 
     def _sections(self, long):
         vector, remarks = self.acceleration, []
-        size = format_with_error(vector.amplitude, vector.amplitude_error)
-        p = printed_p_value(self.across_p_value)
+        amplitude = format_with_error(vector.amplitude, vector.amplitude_error)
+        p_value = printed_p_value(self.across_p_value)
         facts = [
-            ("amplitude", f"{size} µas/yr, on average {self.amplitude_bias:.3f} too large"),
-            ("across", f"p = {p} of as much along rotation and north from noise alone"),
+            ("amplitude", f"{amplitude} µas/yr, on average {self.amplitude_bias:.3f} too large"),
+            ("across", f"p = {p_value} of as much along rotation and north from noise alone"),
         ]
         if self.inward[0] > 0:
             speed, centre, prediction = self.circular_speed, self.distance_of_centre, expected_acceleration(self.r0)

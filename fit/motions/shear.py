@@ -28,12 +28,12 @@ __all__ = ["Shear", "ShearByClass", "compare_expansions", "expansion", "from_ten
 
 
 #: The five coefficients (2,0), (2,1,re), (2,1,im), (2,2,re), (2,2,im) from Σ_zz, Σ_xz, Σ_yz, Σ_xx − Σ_yy, Σ_xy.
-_FACTORS = np.sqrt(np.pi / 5) * np.array([np.sqrt(6), -2, 2, 1, -2])
+_COEFFICIENT_FACTORS = np.sqrt(np.pi / 5) * np.array([np.sqrt(6), -2, 2, 1, -2])
 #: Σ_xx, Σ_yy, Σ_zz, Σ_xy, Σ_xz, Σ_yz from the coefficients.
 TO_TENSOR = (
     np.array([
         [-0.5, 0, 0, 0.5, 0], [-0.5, 0, 0, -0.5, 0], [1, 0, 0, 0, 0], [0, 0, 0, 0, 1], [0, 1, 0, 0, 0], [0, 0, 1, 0, 0],
-    ]) / _FACTORS
+    ]) / _COEFFICIENT_FACTORS
 )  # fmt: skip
 COMPONENT_INDICES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
@@ -66,7 +66,7 @@ def from_tensor(tensor: ArrayLike) -> Coefficients:
         raise ParameterError("the tensor of an expansion is symmetric")
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor - np.eye(3) * np.trace(tensor) / 3
     values = np.zeros(16)
-    values[Modes(2).slice_of("S", 2)] = _FACTORS * np.array([zz, xz, yz, xx - yy, xy])
+    values[Modes(2).slice_of("S", 2)] = _COEFFICIENT_FACTORS * np.array([zz, xz, yz, xx - yy, xy])
     return Coefficients(Modes(2), values)
 
 
@@ -84,7 +84,7 @@ def to_tensor(coefficients: Coefficients) -> FloatArray:
     ModesError
         If there is no degree 2.
     """
-    return make_symmetric(TO_TENSOR @ coefficients.values[spheroidal_degree_two(coefficients.modes)])
+    return make_symmetric_tensor(TO_TENSOR @ coefficients.values[spheroidal_degree_two(coefficients.modes)])
 
 
 def spheroidal_degree_two(modes: Modes) -> slice:
@@ -94,7 +94,7 @@ def spheroidal_degree_two(modes: Modes) -> slice:
     return modes.slice_of("S", 2)
 
 
-def make_symmetric(components: FloatArray) -> FloatArray:
+def make_symmetric_tensor(components: FloatArray) -> FloatArray:
     """Make a symmetric matrix of its components xx, yy, zz, xy, xz, yz."""
     matrix = np.empty((3, 3))
     for (i, j), value in zip(COMPONENT_INDICES, components, strict=True):
@@ -184,9 +184,9 @@ class Shear(Result):
         Its coverage is at least this probability at any signal to noise (`vsh.length.length_limits`).
         """
         between("probability", probability, 0, 1)
-        root = np.sqrt([1, 1, 1, 2, 2, 2])
-        covariance = np.outer(root, root) * self.covariance
-        return float(length_limits((root * self.values)[None], covariance[None], probability)[0])
+        root_multiplicity = np.sqrt([1, 1, 1, 2, 2, 2])
+        scaled_covariance = np.outer(root_multiplicity, root_multiplicity) * self.covariance
+        return float(length_limits((root_multiplicity * self.values)[None], scaled_covariance[None], probability)[0])
 
     def percent(self, rate: ArrayLike) -> FloatArray:
         """A `rate` [µas/yr] in per cent of H0."""
@@ -194,8 +194,8 @@ class Shear(Result):
 
     def to_frame(self, name: str) -> FloatArray:
         """Σ along the axes of the frame `name` (icrs, galactic, ecliptic), (3, 3). [µas/yr]"""
-        matrix = rotation_matrix(self.frame, name)
-        return matrix @ self.tensor @ matrix.T
+        rotation = rotation_matrix(self.frame, name)
+        return rotation @ self.tensor @ rotation.T
 
     def _sections(self, long):
         norm, limit = self.norm, self.limit()
@@ -209,11 +209,11 @@ class Shear(Result):
         lon, lat = np.degrees(directions).T
         columns = {"rate": self.eigenvalues, "rate_error": self.eigenvalue_errors}
         columns |= {"% of H0": self.percent(self.eigenvalues), "l": lon % 360, "b": lat}
-        axes = tables.table_of(columns, {}, {"rate": "uas / yr", "l": "deg", "b": "deg"})
+        axes_table = tables.table_of(columns, {}, {"rate": "uas / yr", "l": "deg", "b": "deg"})
         forms = {"% of H0": "+.3g", "l": ".1f", "b": "+.1f"}
         return (
             Section("Expansion that differs from axis to axis: the tensor Σ", facts, self.to_table()),
-            Section("Principal axes", (), axes, forms=forms, notes=self.notes),
+            Section("Principal axes", (), axes_table, forms=forms, notes=self.notes),
         )
 
     def to_table(self) -> Table:
@@ -252,10 +252,10 @@ def expansion(solution: Solution, *, hubble: float = 70.0) -> Shear:
     7 % of H0.
     """
     spheroidal_degree_two(solution.modes)
-    values, matrix = solution.of_degree("S", 2)
-    components, tensor_covariance = TO_TENSOR @ values, TO_TENSOR @ matrix @ TO_TENSOR.T
+    coefficients, coefficient_covariance = solution.of_degree("S", 2)
+    components, tensor_covariance = TO_TENSOR @ coefficients, TO_TENSOR @ coefficient_covariance @ TO_TENSOR.T
     return Shear(
-        tensor=make_symmetric(components),
+        tensor=make_symmetric_tensor(components),
         covariance=(tensor_covariance + tensor_covariance.T) / 2,
         p_value=solution.p_value("S", 2),
         hubble=positive("hubble", hubble),
@@ -265,7 +265,7 @@ def expansion(solution: Solution, *, hubble: float = 70.0) -> Shear:
     )
 
 
-def _is_own_mode(modes: Modes) -> BoolArray:
+def _mask_own_modes(modes: Modes) -> BoolArray:
     """Mask degree 1 and the spheroidal coefficients of degree 2: what each class has for itself."""
     mask = np.array(modes.degrees == 1)
     mask[spheroidal_degree_two(modes)] = True
@@ -315,7 +315,7 @@ class ShearByClass(Result):
         values, tensor_covariance = self.means.mean(0), pool_draws(self.means, self.covariances)
         return tuple(
             Shear(
-                tensor=make_symmetric(values[i]),
+                tensor=make_symmetric_tensor(values[i]),
                 covariance=tensor_covariance[i, :, i],
                 p_value=self.p_value(i),
                 hubble=self.hubble,
@@ -333,27 +333,27 @@ class ShearByClass(Result):
         i : int
             Number of the class.
         """
-        return self._compute_p_value(np.eye(len(self))[[i]])
+        return self._compute_contrast_p_value(np.eye(len(self))[[i]])
 
     def equality(self) -> float:
         """p-value of classes that all have one tensor."""
-        return self._compute_p_value(np.diff(np.eye(len(self)), axis=0))
+        return self._compute_contrast_p_value(np.diff(np.eye(len(self)), axis=0))
 
     def growth(self) -> float:
         """p-value of a tensor that does not change linearly with the places of the classes."""
-        return self._compute_p_value(self._slope_weights[None]) if len(self) > 1 else np.nan
+        return self._compute_contrast_p_value(self._slope_weights[None]) if len(self) > 1 else np.nan
 
-    def _compute_p_value(self, contrasts):
+    def _compute_contrast_p_value(self, contrasts):
         """The mean over draws of the p-value that linear combinations of classes, (r, K), are zero."""
         if not len(contrasts):
             return np.nan
-        five = list(_INDEPENDENT)
-        return contrast_p_value(self.means[:, :, five], self.covariances[:, :, five][..., five], contrasts)
+        indices = list(_INDEPENDENT_COMPONENTS)
+        return contrast_p_value(self.means[:, :, indices], self.covariances[:, :, indices][..., indices], contrasts)
 
     @property
     def slope(self) -> FloatArray:
         """Change of the tensor with the places, by weighted least squares, (3, 3). [µas/yr per unit of the places]"""
-        return make_symmetric(self._slope_weights @ self.means.mean(0))
+        return make_symmetric_tensor(self._slope_weights @ self.means.mean(0))
 
     @cached_property
     def _slope_weights(self):
@@ -374,15 +374,15 @@ class ShearByClass(Result):
 
     def to_table(self) -> Table:
         """A row for each class, as an astropy Table: |Σ|, limit, p-values, and the axis of the fastest expansion."""
-        names, rows = "class place n_sources norm limit_95 p_value p_value_formal rate rate_error l b", []
-        for label, location, n, shear, formal in zip(
+        column_names, rows = "class place n_sources norm limit_95 p_value p_value_formal rate rate_error l b", []
+        for label, place, n, shear, formal in zip(
             self.labels, self.places, self.n_sources, self.shears, self.formal, strict=True
         ):
             lon, lat = np.degrees(angles(rotation_matrix(self.frame, "galactic") @ shear.axes[0]))
             rate = (shear.eigenvalues[0], shear.eigenvalue_errors[0])
-            rows.append((label, location, n, shear.norm, shear.limit(), shear.p_value, formal, *rate, lon % 360, lat))
+            rows.append((label, place, n, shear.norm, shear.limit(), shear.p_value, formal, *rate, lon % 360, lat))
         units = dict.fromkeys(("norm", "limit_95", "rate", "rate_error"), "uas / yr") | {"l": "deg", "b": "deg"}
-        return tables.table_of_rows(names.split(), rows, self._plain_facts(), units)
+        return tables.table_of_rows(column_names.split(), rows, self._plain_facts(), units)
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """|Σ| of the classes with limits, and what systematic errors alone would show, on matplotlib axes."""
@@ -392,7 +392,7 @@ class ShearByClass(Result):
 
 
 #: Five components that determine a traceless tensor.
-_INDEPENDENT = (0, 1, 3, 4, 5)
+_INDEPENDENT_COMPONENTS = (0, 1, 3, 4, 5)
 
 
 def compare_expansions(
@@ -462,16 +462,16 @@ def compare_expansions(
     True
     """
     random = generator(rng)
-    lots, modes, notes, facts = sample_class_errors(
+    class_draws, modes, notes, facts = sample_class_errors(
         normals, degrees, labels=labels, shapes=None, own=own, draws=draws, noise_scale=noise_scale, rng=random,
-        free=_is_own_mode,
+        free=_mask_own_modes,
     )  # fmt: skip
     n_classes = len(facts["labels"])
     places = np.arange(n_classes, dtype=float) if places is None else float_array("places", places, (n_classes,))
     if n_classes > 1 and not np.ptp(places) > 0:
         raise ParameterError(f"a test of growth needs a place for each of {n_classes} classes, not all the same")
-    means, covariances = resample_draws(lots, random)[:2]
-    terms = np.flatnonzero(_is_own_mode(modes)).searchsorted(np.arange(len(modes))[spheroidal_degree_two(modes)])
+    means, covariances = resample_draws(class_draws, random)[:2]
+    terms = np.flatnonzero(_mask_own_modes(modes)).searchsorted(np.arange(len(modes))[spheroidal_degree_two(modes)])
     tensors = np.einsum("ab,nkb->nka", TO_TENSOR, means[:, :, terms])
     tensor_covariances = np.einsum("ab,nibjc,dc->niajd", TO_TENSOR, covariances[:, :, terms][..., terms], TO_TENSOR)
     formal = [expansion(solve(normal)).p_value for normal in normals]

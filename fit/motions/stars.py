@@ -30,14 +30,14 @@ from vsh.tools.types import FloatArray
 from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
 from vsh.vector import GAIA_EDR3, Vector
 
-_VELOCITY = ("v_x", "v_y", "v_z")
-_GRADIENT = ("w_x", "w_y", "w_z", "A", "C", "K", "S_xz", "S_yz")
+_VELOCITY_NAMES = ("v_x", "v_y", "v_z")
+_GRADIENT_NAMES = ("w_x", "w_y", "w_z", "A", "C", "K", "S_xz", "S_yz")
 #: A median distance above this is one of galaxies. [Mpc]
 _NEAREST_GALAXIES = 1.0
 #: From km/s/kpc to µas/yr.
-_PER_KPC = 1000 / AU_PER_YEAR
+_KM_S_KPC = 1000 / AU_PER_YEAR
 #: Symmetric tensors of A, C, K, S_xz and S_yz; K is of the plane against the pole.
-_TENSORS = np.array([
+_SHEAR_TENSORS = np.array([
     [[0, 1, 0], [1, 0, 0], [0, 0, 0]],
     [[1, 0, 0], [0, -1, 0], [0, 0, 0]],
     [[1, 0, 0], [0, 1, 0], [0, 0, 0]],
@@ -109,7 +109,7 @@ class Kinematics(NamedSolution):
         if "A" not in self.names:
             return {}
         parameters = {"A": "A", "B": "w_z", "C": "C", "K": "K"}
-        indices = {name: self.names.index(column) for name, column in parameters.items()}
+        indices = {name: self.names.index(parameter) for name, parameter in parameters.items()}
         return {name: (float(self.values[i]), float(self.sigma[i])) for name, i in indices.items()}
 
     @property
@@ -146,7 +146,7 @@ class Kinematics(NamedSolution):
             assert self.vertex is not None
             facts += [("Oort constants", f"{constants} km/s/kpc"), ("vertex", f"{format_with_error(*self.vertex)}°")]
         columns = {"parameter": list(self.names), "value": self.values, "sigma": self.sigma}
-        columns["unit"] = ["km/s" if name in _VELOCITY else "km/s/kpc" for name in self.names]
+        columns["unit"] = ["km/s" if name in _VELOCITY_NAMES else "km/s/kpc" for name in self.names]
         return (Section("Our velocity with respect to stars", facts, tables.table_of(columns), notes=self.notes),)
 
 
@@ -216,7 +216,7 @@ def kinematics(
     """
     choice("frame", frame, ("galactic", "icrs", "ecliptic"))
     field = field.to_frame(frame)
-    names = (*_VELOCITY, *_GRADIENT) if gradient else _VELOCITY
+    names = (*_VELOCITY_NAMES, *_GRADIENT_NAMES) if gradient else _VELOCITY_NAMES
     if 2 * len(field) <= len(names):
         raise DegeneracyError(f"{len(field)} sources cannot determine {len(names)} parameters")
     is_free = isinstance(dispersion, str)
@@ -233,13 +233,13 @@ def kinematics(
     values, velocity_dispersion, (design, weights, normal) = _solve(
         field, rates, names, None if is_free else not_negative("dispersion", dispersion)
     )
-    covariance, chi2, dof = _compute_sandwich(design, field.motion, values, weights, normal)
+    covariance, chi2, dof = _compute_sandwich_and_chi2(design, field.motion, values, weights, normal)
     if power is None:  # cuts change the slope of the density, too
-        more, less = (
+        steeper, flatter = (
             _solve(field, inverse_distances_from_measurements(field, rates.length, each), names, velocity_dispersion)[0]
             for each in (kappa + 1, kappa - 1)
         )
-        covariance += np.multiply.outer(more - less, more - less) / 4
+        covariance += np.multiply.outer(steeper - flatter, steeper - flatter) / 4
     notes = [*field.notes]
     if rates.n_parallaxes:
         thinning = f"sources that thin out with d^{kappa:g} exp(−d/{1000 * rates.length:.3g} kpc)"
@@ -253,10 +253,10 @@ def kinematics(
 
 def _solve(field, rates, names, dispersion):
     """Solve for the parameters and the dispersion (of greatest likelihood where it is None), with their matrices."""
-    design, errors = _compute_design(field, rates.mean, len(names) > len(_VELOCITY)), _compute_error_covariance(field)
-    model, is_free = np.zeros((2, len(field))), dispersion is None
+    design, errors = _compute_design(field, rates.mean, len(names) > len(_VELOCITY_NAMES)), _stack_covariances(field)
+    velocity_motion, is_free = np.zeros((2, len(field))), dispersion is None
     for _ in range(4):  # what an unsure distance adds depends on the velocity
-        across = model / np.where(rates.mean > 0, rates.mean, 1.0)
+        across = velocity_motion / np.where(rates.mean > 0, rates.mean, 1.0)
         error_covariance = errors + rates.variance * np.stack([across[0] ** 2, across[1] ** 2, across[0] * across[1]])
         if is_free:
             _check_separable(
@@ -267,54 +267,54 @@ def _solve(field, rates, names, dispersion):
         normal, rhs = _sum_equations(design, field.motion, weights)
         _check_separable(normal, names)
         values = np.linalg.solve(normal, rhs)
-        model = np.tensordot(values[:3], design[:3], 1)
+        velocity_motion = np.tensordot(values[:3], design[:3], 1)
     return values, dispersion, (design, weights, normal)
 
 
-def _compute_design(field, rate, gradient):
+def _compute_design(field, inverse_distance, has_gradient):
     """Compute the motions by one of each parameter, (p, 2, n)."""
     p, q, r = triad(field.lon, field.lat)
-    columns = [np.stack([-rate * p[i], -rate * q[i]]) for i in range(3)]
-    if gradient:
-        columns += [_PER_KPC * np.stack([q[i], -p[i]]) for i in range(3)]
-        columns += [_PER_KPC * np.stack([np.sum(p * (s @ r), 0), np.sum(q * (s @ r), 0)]) for s in _TENSORS]
+    columns = [np.stack([-inverse_distance * p[i], -inverse_distance * q[i]]) for i in range(3)]
+    if has_gradient:
+        columns += [_KM_S_KPC * np.stack([q[i], -p[i]]) for i in range(3)]
+        columns += [_KM_S_KPC * np.stack([np.sum(p * (s @ r), 0), np.sum(q * (s @ r), 0)]) for s in _SHEAR_TENSORS]
     return np.array(columns)
 
 
-def _compute_error_covariance(field):
-    s1, s2 = field.sigma
-    return np.stack([s1**2, s2**2, field.rho * s1 * s2])
+def _stack_covariances(field):
+    sigma_lon, sigma_lat = field.sigma
+    return np.stack([sigma_lon**2, sigma_lat**2, field.rho * sigma_lon * sigma_lat])
 
 
 def _invert_covariances(error_covariance, dispersion, rates):
     """Invert the covariance of each source, (3, n), and sum the log determinants of the covariances."""
-    variance = dispersion**2 * (rates.mean**2 + rates.variance)
-    a, b, c = error_covariance[0] + variance, error_covariance[1] + variance, error_covariance[2]
+    dispersion_variance = dispersion**2 * (rates.mean**2 + rates.variance)
+    a, b, c = error_covariance[0] + dispersion_variance, error_covariance[1] + dispersion_variance, error_covariance[2]
     determinant = a * b - c * c
     return np.stack([b, a, -c]) / determinant, float(np.log(determinant).sum())
 
 
 def _sum_equations(design, motion, weights):
-    product = multiply_weights(weights, design).reshape(len(design), -1)
-    return product @ design.reshape(len(design), -1).T, product @ motion.ravel()
+    weighted_design = multiply_weights(weights, design).reshape(len(design), -1)
+    return weighted_design @ design.reshape(len(design), -1).T, weighted_design @ motion.ravel()
 
 
 def _fit_dispersion(design, motion, error_covariance, rates):
     """Fit the dispersion of greatest restricted likelihood. [km/s]"""
     from scipy.optimize import minimize_scalar  # slow to import
 
-    def deviance(dispersion):
+    def find_deviance(dispersion):
         weights, logdet = _invert_covariances(error_covariance, dispersion, rates)
         normal, rhs = _sum_equations(design, motion, weights)
         chi2 = np.sum(motion * multiply_weights(weights, motion)) - rhs @ np.linalg.solve(normal, rhs)
         return logdet + chi2 + np.linalg.slogdet(normal)[1]
 
     # Its logarithm first, so that a large range costs little; then whether none at all is likelier.
-    grid = np.geomspace(0.1, _LARGEST_DISPERSION, 25)
-    best = int(np.argmin([deviance(trial) for trial in grid]))
-    lower, upper = grid[max(best - 1, 0)], grid[min(best + 1, 24)]
-    optimum = minimize_scalar(deviance, bounds=(lower, upper), method="bounded", options={"xatol": 1e-3 * lower})
-    return 0.0 if deviance(0.0) <= optimum.fun else float(optimum.x)
+    dispersions = np.geomspace(0.1, _LARGEST_DISPERSION, 25)
+    best_index = int(np.argmin([find_deviance(trial) for trial in dispersions]))
+    lower, upper = dispersions[max(best_index - 1, 0)], dispersions[min(best_index + 1, 24)]
+    optimum = minimize_scalar(find_deviance, bounds=(lower, upper), method="bounded", options={"xatol": 1e-3 * lower})
+    return 0.0 if find_deviance(0.0) <= optimum.fun else float(optimum.x)
 
 
 def _check_separable(normal, names):
@@ -323,13 +323,13 @@ def _check_separable(normal, names):
         raise DegeneracyError(f"these sources cannot separate {', '.join(names)}: too few, or too close together")
 
 
-def _compute_sandwich(design, motion, values, weights, normal):
+def _compute_sandwich_and_chi2(design, motion, values, weights, normal):
     """Compute the covariance from the residuals of each source (HC3), χ², and degrees of freedom of the covariance."""
     residual = motion - np.tensordot(values, design, 1)
-    product = multiply_weights(weights, design)
+    weighted_design = multiply_weights(weights, design)
     inverse = np.linalg.inv(normal)
-    leverage = np.einsum("pin,pq,qin->n", product, inverse, design, optimize=True) / 2
-    scores = np.einsum("pin,in->pn", product, residual) / (1 - np.minimum(leverage, 0.99))
+    leverage = np.einsum("pin,pq,qin->n", weighted_design, inverse, design, optimize=True) / 2
+    scores = np.einsum("pin,in->pn", weighted_design, residual) / (1 - np.minimum(leverage, 0.99))
     chi2, p = float(np.sum(residual * multiply_weights(weights, residual))), len(design)
     dof = min(p * (p + 1) / (6 * float(leverage @ leverage)), 2.0 * motion.shape[1] - p)  # Zhang (2012), two components
     return inverse @ (scores @ scores.T) @ inverse, chi2, dof

@@ -172,16 +172,16 @@ def eliminate(
     The Schur complement N' = N − N_kf M⁻¹ N_fk with M = N_ff + P⁻¹; M⁻¹ = √P (1 + √P N_ff √P)⁻¹ √P bears P = 0.
     """
     targets, nuisance = (
-        np.flatnonzero(at) if np.asarray(at).dtype == bool else np.asarray(at) for at in (targets, nuisance)
+        np.flatnonzero(index) if np.asarray(index).dtype == bool else np.asarray(index) for index in (targets, nuisance)
     )
-    inner, across = matrix[np.ix_(nuisance, nuisance)], matrix[np.ix_(nuisance, targets)]
-    sides, root = np.column_stack([across, rhs[nuisance]]), None if variances is None else np.sqrt(variances)[:, None]
+    nuisance_matrix, cross = matrix[np.ix_(nuisance, nuisance)], matrix[np.ix_(nuisance, targets)]
+    sides, root = np.column_stack([cross, rhs[nuisance]]), None if variances is None else np.sqrt(variances)[:, None]
     if root is None:
-        solution = cho_solve(cho_factor(inner), sides)
+        solution = cho_solve(cho_factor(nuisance_matrix), sides)
     else:
-        solution = root * cho_solve(cho_factor(np.eye(len(nuisance)) + root * inner * root.T), root * sides)
-    schur = matrix[np.ix_(targets, targets)] - across.T @ solution[:, :-1]
-    return (schur + schur.T) / 2, rhs[targets] - across.T @ solution[:, -1], float(rhs[nuisance] @ solution[:, -1])
+        solution = root * cho_solve(cho_factor(np.eye(len(nuisance)) + root * nuisance_matrix * root.T), root * sides)
+    schur = matrix[np.ix_(targets, targets)] - cross.T @ solution[:, :-1]
+    return (schur + schur.T) / 2, rhs[targets] - cross.T @ solution[:, -1], float(rhs[nuisance] @ solution[:, -1])
 
 
 def gaussian_prior(
@@ -228,8 +228,8 @@ def gaussian_prior(
     return replace(equations, prior=equations)
 
 
-def _check_same_templates(first, second):
+def _check_same_templates(one, other):
     """Raise ModesError where two sets of templates differ."""
-    names = [[field.name for field in templates] for templates in (first, second)]
-    if names[0] != names[1] or not all(np.array_equal(a.values, b.values) for a, b in zip(first, second, strict=True)):
+    names = [[field.name for field in templates] for templates in (one, other)]
+    if names[0] != names[1] or not all(np.array_equal(a.values, b.values) for a, b in zip(one, other, strict=True)):
         raise ModesError("cannot add normal equations of different templates: give all of them the same maps")

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from fit.normal._equations import Additive, NormalEquations
-from fit.normal.sums import fourier_sums, make_rings
+from fit.normal.sums import make_rings, sum_fourier_moments
 from fit.results.storage import Result, checked_count, checked_strings, from_hex, to_hex
 from vsh.field import Field
 from vsh.io.parts import Parts
@@ -22,10 +22,10 @@ from vsh.tools.errors import EmptyFieldError, FrameError, ModesError, TableError
 from vsh.tools.types import Axes, ComplexArray, FloatArray
 
 
-def find_shapes(mode_class: type[Modes], lmax: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def find_moment_shapes(mode_class: type[Modes], lmax: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Find the shapes of the moments of weights and of values."""
-    weights, values = (1, 1) if mode_class is ScalarModes else (3, 2)
-    return (weights, 2 * lmax + 1, 4 * lmax + 1), (values, lmax + 1, 2 * lmax + 1)
+    n_weights, n_values = (1, 1) if mode_class is ScalarModes else (3, 2)
+    return (n_weights, 2 * lmax + 1, 4 * lmax + 1), (n_values, lmax + 1, 2 * lmax + 1)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -80,12 +80,10 @@ class Moments(Additive, Result):
     def __post_init__(self) -> None:
         """Check what a file or a caller may have mixed up."""
         lmax = self.kind(self.lmax).lmax
-        for name, shape in zip(("weights", "motions"), find_shapes(self.kind, lmax), strict=True):
-            if (coefficients := np.asarray(getattr(self, name), complex)).shape != shape:
-                raise ModesError(
-                    f"the moments of {name} of degree {lmax} have the shape {shape}, not {coefficients.shape}"
-                )
-            object.__setattr__(self, name, coefficients)
+        for name, shape in zip(("weights", "motions"), find_moment_shapes(self.kind, lmax), strict=True):
+            if (moments := np.asarray(getattr(self, name), complex)).shape != shape:
+                raise ModesError(f"the moments of {name} of degree {lmax} have the shape {shape}, not {moments.shape}")
+            object.__setattr__(self, name, moments)
         check_frame(self.frame)
         super().__post_init__()
 
@@ -122,7 +120,7 @@ class Moments(Additive, Result):
             return field.sum(partial(cls.of, lmax=lmax), roles=(), words="moments")
         if not len(arguments.a(Field, ScalarField, Parts)("field", field)):
             raise EmptyFieldError("the field is empty: there are no sources to use")
-        weights, motions, chi2_null = fourier_sums(field, lmax, threads)
+        weights, motions, chi2_null = sum_fourier_moments(field, lmax, threads)
         return cls(
             lmax=lmax,
             weights=weights,
@@ -198,8 +196,8 @@ class Moments(Additive, Result):
             [(yr/µas)²/sr]
         """
         rings, components = make_rings(self.kind(self.lmax)), self.kind.components
-        weight = rings.on_grid(self.weights)[:components].mean(0)
-        return rings.lat, weight / (np.cos(rings.lat) * 2 * np.pi**2 / weight.size)[:, None]
+        grid_weight = rings.on_grid(self.weights)[:components].mean(0)
+        return rings.lat, grid_weight / (np.cos(rings.lat) * 2 * np.pi**2 / grid_weight.size)[:, None]
 
     def _sections(self, long):
         weight = self.weights[: self.kind.components, 0].sum(0)[2 * self.lmax].real / self.n_data
@@ -220,45 +218,45 @@ class Moments(Additive, Result):
         pixel_lon, pixel_lat = centres(32)
         ring_index = np.abs(pixel_lat[:, None] - lat).argmin(1)
         lon_index = np.round(pixel_lon / (2 * np.pi) * weight.shape[1]).astype(int) % weight.shape[1]
-        values = weight[ring_index, lon_index]
+        weights = weight[ring_index, lon_index]
         label = f"weight of the sources  [1/({self.unit})² a steradian]"
-        about = {"title": f"{self.n_sources} sources, to degree {self.lmax}", "extend": "max"}
-        return plot_map(values, label, frame=self.frame, ax=ax, vmin=0, vmax=np.percentile(values, 99), **about)
+        options = {"title": f"{self.n_sources} sources, to degree {self.lmax}", "extend": "max"}
+        return plot_map(weights, label, frame=self.frame, ax=ax, vmin=0, vmax=np.percentile(weights, 99), **options)
 
     def _pack(self):
-        components, m, n, values = [], [], [], []
-        for names, grids, half_width in (("abc", self.weights, 2 * self.lmax), ("en", self.motions, self.lmax)):
-            for name, grid in zip(names, grids, strict=False):  # a and e alone of a scalar field
-                orders = np.indices(grid.shape)
-                components += [name] * grid.size
-                m.append(orders[0].ravel())
-                n.append(orders[1].ravel() - half_width)
-                values.append(grid.ravel())
-        moments = np.concatenate(values)
-        columns = {"of": components, "m": np.concatenate(m), "n": np.concatenate(n)}
+        letters, m, n, flat_grids = [], [], [], []
+        for grid_letters, grids, half_width in (("abc", self.weights, 2 * self.lmax), ("en", self.motions, self.lmax)):
+            for letter, grid in zip(grid_letters, grids, strict=False):  # a and e alone of a scalar field
+                indices = np.indices(grid.shape)
+                letters += [letter] * grid.size
+                m.append(indices[0].ravel())
+                n.append(indices[1].ravel() - half_width)
+                flat_grids.append(grid.ravel())
+        moments = np.concatenate(flat_grids)
+        columns = {"of": letters, "m": np.concatenate(m), "n": np.concatenate(n)}
         columns |= {"real": moments.real, "imaginary": moments.imag}
-        header = {"lmax": self.lmax, "chi2_null": to_hex(self.chi2_null), "n_data": self.n_data}
-        header |= {"frame": self.frame, "unit": self.unit, "notes": list(map(str, self.notes))}
-        return columns, header, {}
+        metadata = {"lmax": self.lmax, "chi2_null": to_hex(self.chi2_null), "n_data": self.n_data}
+        metadata |= {"frame": self.frame, "unit": self.unit, "notes": list(map(str, self.notes))}
+        return columns, metadata, {}
 
     @classmethod
-    def _unpack(cls, columns, header):
+    def _unpack(cls, columns, metadata):
         mode_class = Modes if "b" in columns["of"] else ScalarModes
-        lmax = mode_class(header["lmax"]).lmax
+        lmax = mode_class(metadata["lmax"]).lmax
         moments = np.asarray(columns["real"], float) + 1j * np.asarray(columns["imaginary"], float)
         if not np.isfinite(moments).all():
             raise TableError("moments that are not finite")
-        weights_shape, motions_shape = find_shapes(mode_class, lmax)
+        weights_shape, motions_shape = find_moment_shapes(mode_class, lmax)
         n_weights = int(np.prod(weights_shape))
         return cls(
             lmax=lmax,
             weights=moments[:n_weights].reshape(weights_shape),
             motions=moments[n_weights:].reshape(motions_shape),
-            chi2_null=from_hex(header["chi2_null"]),
-            n_data=checked_count(header["n_data"]),
-            frame=header["frame"],
-            notes=checked_strings(header["notes"]),
-            unit=str(header["unit"]),
+            chi2_null=from_hex(metadata["chi2_null"]),
+            n_data=checked_count(metadata["n_data"]),
+            frame=metadata["frame"],
+            notes=checked_strings(metadata["notes"]),
+            unit=str(metadata["unit"]),
         )
 
     def _combine(self, other, sign):

@@ -83,7 +83,7 @@ def solve(
         return floor.allowed_for(partial(solve, prior=prior, max_condition=max_condition), normal)
     if prior is not None:
         normal = normal + prior
-    factor, scales = _factorise(normal, max_condition)
+    factor, scales = _factorise_scaled_matrix(normal, max_condition)
     covariance = cho_solve(factor, np.diag(scales)) * scales[:, None]
     values = scales * cho_solve(factor, scales * normal.rhs)
     chi2, notes = float(normal.chi2_null - values @ normal.rhs), drop_empty_notes(normal.notes)
@@ -97,7 +97,7 @@ def solve(
     if chi2 < 1e-11 * normal.chi2_null and normal.n_data > len(normal.modes):
         # The difference of two numbers that are equal to eleven digits.
         chi2, notes = max(chi2, 0.0), (*notes, _ROUNDING_NOTE)
-    shared: dict[str, Any] = {
+    common: dict[str, Any] = {
         "covariance": (covariance + covariance.T) / 2,
         "chi2": chi2,
         "n_data": normal.n_data,
@@ -106,8 +106,8 @@ def solve(
         "by_prior": by_prior,
     }
     if isinstance(normal.modes, ScalarModes):
-        return ScalarSolution(coefficients=ScalarCoefficients(normal.modes, values), **shared, unit=normal.unit or "")
-    return Solution(coefficients=Coefficients(normal.modes, values), **shared, unit=normal.unit or "µas/yr")
+        return ScalarSolution(coefficients=ScalarCoefficients(normal.modes, values), **common, unit=normal.unit or "")
+    return Solution(coefficients=Coefficients(normal.modes, values), **common, unit=normal.unit or "µas/yr")
 
 
 @arguments.accepts()
@@ -152,46 +152,46 @@ def fit_field(
     """
     if modes is not None and lmax is not None:
         raise ParameterError("what is to be fitted: modes, or the degree lmax, one of the two")
-    target = modes if modes is not None else _DEGREE if lmax is None else lmax
+    modes_or_degree = modes if modes is not None else _DEGREE if lmax is None else lmax
     if not isinstance(field, Field | ScalarField | Parts):
         from vsh.io.catalogue import as_field, is_readable
 
         field = as_field("field", field) if is_readable(field) else field
     if isinstance(field, Field | ScalarField):
-        target = modes_for(field, target)
-        if target.components * len(field) < len(target):
-            raise DegeneracyError(_format_degeneracy(len(field), target))
-    return add_coverage_notes(solve(normal_equations(field, target, covariance=covariance)), field)
+        modes_or_degree = modes_for(field, modes_or_degree)
+        if modes_or_degree.components * len(field) < len(modes_or_degree):
+            raise DegeneracyError(_format_degeneracy_message(len(field), modes_or_degree))
+    return add_coverage_notes(solve(normal_equations(field, modes_or_degree, covariance=covariance)), field)
 
 
-def _format_degeneracy(sources, modes, reason=""):
-    lower = f"lower lmax from {modes.lmax} (--lmax), or " if modes.lmax > 1 else ""
+def _format_degeneracy_message(n_sources, modes, reason=""):
+    hint = f"lower lmax from {modes.lmax} (--lmax), or " if modes.lmax > 1 else ""
     return (
-        f"{sources} sources cannot separate {len(modes)} modes{reason}: {lower}add sources, in other parts of the sky "
+        f"{n_sources} sources cannot separate {len(modes)} modes{reason}: {hint}add sources, in other parts of the sky "
         "(in Python normal equations know priors, too: fit.gaussian_prior)"
     )
 
 
-def _factorise(normal, max_condition):
-    """The Cholesky factor of N scaled to a unit diagonal, and the scale."""
-    diagonal, reciprocal, weakest = np.diag(normal.matrix), 0.0, ""
+def _factorise_scaled_matrix(normal, max_condition):
+    """Factorise N scaled to a unit diagonal: its Cholesky factor, and the scale."""
+    diagonal, reciprocal_condition, weakest_modes = np.diag(normal.matrix), 0.0, ""
     if (normal.n_data or normal.prior is not None) and (diagonal > 0).all():
         scale = 1 / np.sqrt(diagonal)
         matrix = normal.matrix * np.outer(scale, scale)
         with suppress(np.linalg.LinAlgError):
             factor = cho_factor(matrix, lower=True)
-            reciprocal, _ = dpocon(factor[0], np.abs(matrix).sum(0).max(), uplo="L")
-        if reciprocal * max_condition > 1:
+            reciprocal_condition, _ = dpocon(factor[0], np.abs(matrix).sum(0).max(), uplo="L")
+        if reciprocal_condition * max_condition > 1:
             return factor, scale
-        weakest = _describe_weakest_modes(matrix, normal.modes)
-    condition = 1 / reciprocal if reciprocal else np.inf
-    reason = f" (condition {condition:.1e} > {max_condition:.0e}{weakest})"
-    raise DegeneracyError(_format_degeneracy(normal.n_sources, normal.modes, reason))
+        weakest_modes = _describe_weakest_modes(matrix, normal.modes)
+    condition = 1 / reciprocal_condition if reciprocal_condition else np.inf
+    reason = f" (condition {condition:.1e} > {max_condition:.0e}{weakest_modes})"
+    raise DegeneracyError(_format_degeneracy_message(normal.n_sources, normal.modes, reason))
 
 
 def _describe_weakest_modes(matrix, modes, count=4):
-    """The modes that make up the combination the data see least."""
-    vector = eigh(matrix, subset_by_index=[0, 0])[1][:, 0]
-    order = np.argsort(-np.abs(vector))[:count]
+    """Describe the modes that make up the combination the data see least."""
+    weakest_vector = eigh(matrix, subset_by_index=[0, 0])[1][:, 0]
+    largest_indices = np.argsort(-np.abs(weakest_vector))[:count]
     names = [str(mode) for mode in modes]
-    return ", worst in " + ", ".join(names[i] for i in order)
+    return ", worst in " + ", ".join(names[i] for i in largest_indices)

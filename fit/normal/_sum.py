@@ -13,7 +13,7 @@ import numpy as np
 from fit.normal._equations import NormalEquations
 from fit.normal._moments import Moments
 from fit.normal._templates import Template, template_fields
-from fit.normal.sums import compressed_sums, design_matrix_limit, design_matrix_sums
+from fit.normal.sums import design_matrix_limit, sum_by_design_matrix, sum_by_moments
 from vsh.basis import harmonics
 from vsh.field import Field, SourcesWithErrors
 from vsh.io.parts import Parts
@@ -86,14 +86,14 @@ def normal_equations(
     """
     choice("method", method, ("auto", "design-matrix", "compressed"))
     if templates:
-        plain = normal_equations(field, modes, method=method, threads=threads, covariance=covariance)
-        return replace(plain, templates=template_fields(templates, plain.modes, plain.frame or "icrs"))
+        equations = normal_equations(field, modes, method=method, threads=threads, covariance=covariance)
+        return replace(equations, templates=template_fields(templates, equations.modes, equations.frame or "icrs"))
     if isinstance(field, (str, PathLike)):
         raise FieldError(f"{field} is a path: read it first, with vsh.io.catalogue.read_field or parts")
     if not isinstance(field, SourcesWithErrors | Parts) and covariance is None:
-        return _sum_stream(field, partial(normal_equations, modes=modes, method=method, threads=threads))
-    in_memory = field.in_memory if isinstance(field, Parts) else None
-    sources = cast(Any, field if in_memory is None else in_memory)
+        return _sum_field_stream(field, partial(normal_equations, modes=modes, method=method, threads=threads))
+    field_in_memory = field.in_memory if isinstance(field, Parts) else None
+    sources = cast(Any, field if field_in_memory is None else field_in_memory)
     modes = modes_for(sources, modes)
     if len(modes) ** 2 * 8 > MEMORY:
         raise ModesError(
@@ -101,7 +101,7 @@ def normal_equations(
             f"{len(modes) ** 2 * 8 / 2**30:.0f} GiB: lower lmax"
         )
     if covariance is not None:
-        return _sum_whitened(sources, modes, as_covariance(covariance, sources))
+        return _sum_whitened_equations(sources, modes, as_covariance(covariance, sources))
     if isinstance(sources, Parts):
         if modes.lmax == 1 or method == "design-matrix":
             return sources.sum(
@@ -109,23 +109,23 @@ def normal_equations(
             )
         return sources.sum(partial(Moments.of, lmax=modes.lmax), roles=(), words="normal equations").normal_equations()
     if method == "compressed" or (method == "auto" and len(sources) > design_matrix_limit(modes)):
-        sums = compressed_sums(sources, modes, threads)
+        sums = sum_by_moments(sources, modes, threads)
     else:
-        sums = design_matrix_sums(sources, modes)
+        sums = sum_by_design_matrix(sources, modes)
     return NormalEquations(
         modes, *sums, sources.components * len(sources), sources.frame, sources.notes, unit=sources.unit
     )
 
 
-def _sum_whitened(field, modes, covariance):
-    """The equations of n sources, whitened by their dense covariance: 2n independent rows of unit weight."""
+def _sum_whitened_equations(field, modes, covariance):
+    """Sum the equations of n sources, whitened by their dense covariance: 2n independent rows of unit weight."""
     n = len(field)
     rows = covariance.whiten(harmonics(field.lon, field.lat, modes).reshape(len(modes), 2 * n))
     motion = covariance.whiten(field.motion.ravel())
     return NormalEquations(modes, rows @ rows.T, rows @ motion, float(motion @ motion), 2 * n, field.frame, field.notes)
 
 
-def _sum_stream(fields, sum_field):
+def _sum_field_stream(fields, sum_field):
     if isinstance(fields, np.ndarray) or not hasattr(fields, "__iter__"):
         raise FieldError(f"a Field, a ScalarField, or a stream of them, is expected, not {type(fields).__name__}")
     total: Any = sum(map(sum_field, fields))

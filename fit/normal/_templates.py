@@ -146,13 +146,13 @@ class Template(Frozen):
             lon, lat, numbers = _select_finite(*chunk)
             if not len(numbers):
                 continue
-            pixel = pixels_of(lon, lat, nside)
-            for row, weight in zip(sums, (np.ones(len(numbers)), numbers, *triad(lon, lat)[2]), strict=True):
-                row += np.bincount(pixel, weight, minlength=row.size)
-        counts, total, *vector = sums[:, sums[0] > 0]
+            pixel_numbers = pixels_of(lon, lat, nside)
+            for sum_row, weight in zip(sums, (np.ones(len(numbers)), numbers, *triad(lon, lat)[2]), strict=True):
+                sum_row += np.bincount(pixel_numbers, weight, minlength=sum_row.size)
+        counts, total, *mean_vectors = sums[:, sums[0] > 0]
         if not counts.size:
             raise ParameterError(f"the template {name} has no finite number")
-        lon, lat = angles(np.array(vector))
+        lon, lat = angles(np.array(mean_vectors))
         return cls(name, ScalarField(lon, lat, total / counts, 1 / np.sqrt(counts), frame=frame), frame)
 
     @classmethod
@@ -222,31 +222,31 @@ class Template(Frozen):
 
     def _fit_scalar_coefficients(self, lmax, frame):
         """Fit the coefficients of the map, and give those from degree 1 on."""
-        field, scale = self._standardise_field()
-        if scale == 0:
+        field, scatter = self._standardise_and_find_scatter()
+        if scatter == 0:
             raise ParameterError(f"the template {self.name} is constant: it moves nothing")
         normal = Moments.of(field.to_frame(frame), lmax).normal_equations()
-        size = np.sqrt(np.diag(normal.matrix))
-        if not (size > 0).all() or np.linalg.cond(normal.matrix / np.outer(size, size)) > 1e6:
+        scales = np.sqrt(np.diag(normal.matrix))
+        if not (scales > 0).all() or np.linalg.cond(normal.matrix / np.outer(scales, scales)) > 1e6:
             raise ParameterError(
                 f"the template {self.name} is known on too little of the sky to be expanded to degree {lmax}"
             )
         return np.linalg.solve(normal.matrix, normal.rhs)[1:]
 
-    def _standardise_field(self):
-        """Standardise its numbers at places: about their mean, in units of their scatter; and that scatter."""
+    def _standardise_and_find_scatter(self):
+        """Standardise its numbers at places: about their mean, in units of their scatter; and find that scatter."""
         field = self.source
         if not isinstance(field, ScalarField):
             from vsh.sky.pixels import centres, count_missing_pixels
 
             values, frame = self.source, self.frame
             lon, lat = centres(int(np.sqrt(values.size / 12)))
-            valid = np.isfinite(values) & (values > -1e30)  # healpy's UNSEEN
-            if valid.sum() < values.size / 2:
+            is_valid = np.isfinite(values) & (values > -1e30)  # healpy's UNSEEN
+            if is_valid.sum() < values.size / 2:
                 raise ParameterError(
                     f"the template {self.name} has no value in {count_missing_pixels(values)} of {values.size} pixels"
                 )
-            field = ScalarField(lon[valid], lat[valid], values[valid], np.ones(valid.sum()), frame=frame)
+            field = ScalarField(lon[is_valid], lat[is_valid], values[is_valid], np.ones(is_valid.sum()), frame=frame)
         weights = field.sigma**-2
         mean = np.average(field.values, weights=weights)
         scatter = float(np.sqrt(np.average((field.values - mean) ** 2, weights=weights)))
@@ -263,12 +263,12 @@ def _select_finite(lon: ArrayLike, lat: ArrayLike, values: ArrayLike) -> tuple[F
 
 
 def _pad_coefficients(coefficients, modes):
-    """Values among modes of a higher degree, zeros above their own."""
-    values = np.zeros(len(modes))
+    """Pad coefficients to modes of a higher degree, with zeros above their own."""
+    padded_values = np.zeros(len(modes))
     for kind in KINDS:
         for l in range(1, coefficients.modes.lmax + 1):
-            values[modes.slice_of(kind, l)] = coefficients.values[coefficients.modes.slice_of(kind, l)]
-    return values
+            padded_values[modes.slice_of(kind, l)] = coefficients.values[coefficients.modes.slice_of(kind, l)]
+    return padded_values
 
 
 def template_fields(templates: Sequence[Template], modes: Modes, frame: str) -> tuple[TemplateField, ...]:

@@ -40,16 +40,16 @@ from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ComplexArray, FloatArray
 
 
-def design_matrix_sums(field: Any, modes: Modes) -> tuple[FloatArray, FloatArray, float]:
+def sum_by_design_matrix(field: Any, modes: Modes) -> tuple[FloatArray, FloatArray, float]:
     """N, b and Σ yᵀ C⁻¹ y of a field: what `fit.normal_equations` adds up."""
     p = len(modes)
     # Enough sources to keep NumPy busy, and a whitened basis of a few MiB, which stays in the cache.
-    size = max(256, min(_SMALL, 2**19 // p))
-    block_sums = map_blocks(lambda part: _sum_block(field[part], modes), len(field), size, 1, "normal equations")
+    size = max(256, min(_SMALL_BLOCK, 2**19 // p))
+    block_sums = map_blocks(lambda block: _sum_equations(field[block], modes), len(field), size, 1, "normal equations")
     return reduce(add_sums, block_sums, (np.zeros((p, p)), np.zeros(p), 0.0))
 
 
-def _sum_block(field, modes):
+def _sum_equations(field, modes):
     """Sum N, b and Σ yᵀ C⁻¹ y of a few sources, from the basis in units of each source's error."""
     if isinstance(modes, ScalarModes):
         a, y = scalar_harmonics(field.lon, field.lat, modes.lmax) / field.sigma, field.values / field.sigma
@@ -82,17 +82,17 @@ def design_matrix_limit(modes: Modes) -> int:
 
 
 #: Sources in a block of moments, and in one whose numbers stay in the cache.
-BLOCK, _SMALL = 2**16, 2**13
+BLOCK, _SMALL_BLOCK = 2**16, 2**13
 
 
 def slice_blocks(n: int) -> list[slice]:
     """Slice n sources into blocks of so many that what is computed of them stays in the cache."""
-    return [slice(start, min(start + _SMALL, n)) for start in range(0, n, _SMALL)]
+    return [slice(start, min(start + _SMALL_BLOCK, n)) for start in range(0, n, _SMALL_BLOCK)]
 
 
-def compressed_sums(field: Any, modes: Modes, threads: int | None = None) -> tuple[FloatArray, FloatArray, float]:
+def sum_by_moments(field: Any, modes: Modes, threads: int | None = None) -> tuple[FloatArray, FloatArray, float]:
     """N, b and Σ yᵀ C⁻¹ y of a field: what `fit.normal_equations` adds up, at any degree."""
-    weights, motions, chi2_null = fourier_sums(field, modes.lmax, threads)
+    weights, motions, chi2_null = sum_fourier_moments(field, modes.lmax, threads)
     rings = make_rings(modes)
     return rings.matrix(weights), rings.rhs(motions), chi2_null
 
@@ -102,7 +102,7 @@ def make_rings(modes: Modes) -> Rings:
     return (ScalarRings if isinstance(modes, ScalarModes) else Rings)(modes.lmax)
 
 
-def fourier_sums(field: Any, lmax: int, threads: int | None = None) -> tuple[ComplexArray, ComplexArray, float]:
+def sum_fourier_moments(field: Any, lmax: int, threads: int | None = None) -> tuple[ComplexArray, ComplexArray, float]:
     """All that a fit to degree L needs of the sources: sums over them, which add."""
     n = max(len(field), 1)  # no source is a block, too
     block_moments = map_blocks(lambda part: _compute_moments(field[part], lmax), n, BLOCK, threads, "normal equations")
@@ -117,10 +117,10 @@ def _compute_moments(field, lmax):
 
     weights = field.weights
     motions = multiply_weights(weights, field.data)
-    sums = fourier_moments(field.lon, field.lat, np.concatenate([weights, motions]), 2 * lmax)
-    half, window = 2 * lmax, slice(lmax, 3 * lmax + 1)
-    sums_of_motions = sums[len(weights) :, half : half + lmax + 1, window]
-    return sums[: len(weights), half:], sums_of_motions, np.vdot(motions, field.data)
+    moments = fourier_moments(field.lon, field.lat, np.concatenate([weights, motions]), 2 * lmax)
+    zero_order, window = 2 * lmax, slice(lmax, 3 * lmax + 1)
+    motion_moments = moments[len(weights) :, zero_order : zero_order + lmax + 1, window]
+    return moments[: len(weights), zero_order:], motion_moments, np.vdot(motions, field.data)
 
 
 class Rings:
@@ -129,20 +129,20 @@ class Rings:
     modes_class: type[Modes] = Modes
 
     def __init__(self, lmax: int) -> None:
-        modes, count = self.modes_class(lmax), 2 * lmax + 1
+        modes, n_rings = self.modes_class(lmax), 2 * lmax + 1
         self.lmax, self.size = lmax, len(modes) // len(modes.kinds)
-        self.lat = -np.pi / 2 + (np.arange(count) + 0.5) * np.pi / count
-        pairs = [(l, m) for m in range(lmax + 1) for l in range(max(m, modes.lowest), lmax + 1)]
-        self.m = np.array([m for _, m in pairs])
-        self.re = np.array([modes.index(Mode(modes.kinds[0], l, m)) for l, m in pairs])
+        self.lat = -np.pi / 2 + (np.arange(n_rings) + 0.5) * np.pi / n_rings
+        degrees_and_orders = [(l, m) for m in range(lmax + 1) for l in range(max(m, modes.lowest), lmax + 1)]
+        self.m = np.array([m for _, m in degrees_and_orders])
+        self.re = np.array([modes.index(Mode(modes.kinds[0], l, m)) for l, m in degrees_and_orders])
         self.im = self.re + 1  # where m > 0
-        self.b, self.a = self.harmonics(np.zeros(count))
+        self.b, self.a = self.harmonics(np.zeros(n_rings))
 
     def harmonics(self, lon: FloatArray) -> tuple[FloatArray, FloatArray]:
         """B and A of the harmonics at α = 0: T_lm = (B cos mα, A sin mα) and (−B sin mα, A cos mα)."""
         toroidal = toroidal_harmonics(lon, self.lat, self.lmax)
-        a = toroidal[np.minimum(self.im, len(toroidal) - 1), 1]
-        return toroidal[self.re, 0], np.where(self.m[:, None] > 0, a, 0.0)
+        sine_part = toroidal[np.minimum(self.im, len(toroidal) - 1), 1]
+        return toroidal[self.re, 0], np.where(self.m[:, None] > 0, sine_part, 0.0)
 
     def spectra(self, moments: ComplexArray, turns_over: bool) -> ComplexArray:
         """Σ w e^{−iMα} on each ring, (k, M, ring), from the Fourier moments in δ.
@@ -178,10 +178,10 @@ class Rings:
         """b from the moments of the weighted motions."""
         east, north = (z[self.m] for z in self.spectra(motions, turns_over=True))
         rhs = np.zeros((2, self.size))
-        positive = self.m > 0
-        for row, (e, n) in zip(rhs, ((east, north), (north, -east)), strict=True):  # S·z = T·(Jᵀz)
-            row[self.re] = np.sum(self.b * e.real - self.a * n.imag, axis=1)
-            row[self.im[positive]] = np.sum(self.b * e.imag + self.a * n.real, axis=1)[positive]
+        is_positive = self.m > 0
+        for kind_rhs, (e, n) in zip(rhs, ((east, north), (north, -east)), strict=True):  # S·z = T·(Jᵀz)
+            kind_rhs[self.re] = np.sum(self.b * e.real - self.a * n.imag, axis=1)
+            kind_rhs[self.im[is_positive]] = np.sum(self.b * e.imag + self.a * n.real, axis=1)[is_positive]
         return rhs.ravel()
 
     def product_matrix(self, ee: Any, en: Any, ne: Any, nn: Any) -> FloatArray:
@@ -190,8 +190,8 @@ class Rings:
         real, sine = spectra.real, -spectra.imag  # Σ w cos Mα, Σ w sin Mα
         matrix = np.zeros((self.size, self.size))
         for m in range(self.lmax + 1):
-            mine = self.m == m
-            basis = np.concatenate([self.b[mine], self.a[mine]], axis=1)
+            is_order = self.m == m
+            basis = np.concatenate([self.b[is_order], self.a[is_order]], axis=1)
             plus, minus = m + self.m, np.abs(m - self.m)
             sign = np.sign(m - self.m)[:, None]
             c_plus, c_minus = real[:, plus], real[:, minus]
@@ -199,21 +199,21 @@ class Rings:
             cc, ss = (c_minus + c_plus) / 2, (c_minus - c_plus) / 2
             sc, cs = (s_plus + s_minus) / 2, (s_plus - s_minus) / 2  # first of m, then of m'
 
-            def product(on_b, on_a, left=basis):
+            def multiply_basis(on_b, on_a, left=basis):
                 """[B A] · [on_b; on_a], both (pairs, rings) on the right."""
                 return left @ np.concatenate([on_b, on_a], axis=1).T
 
             b, a = self.b, self.a
             blocks = {
-                ("re", "re"): product(cc[0] * b + cs[1] * a, sc[2] * b + ss[3] * a),
-                ("re", "im"): product(cc[1] * a - cs[0] * b, sc[3] * a - ss[2] * b),
-                ("im", "re"): product(-sc[0] * b - ss[1] * a, cc[2] * b + cs[3] * a),
-                ("im", "im"): product(ss[0] * b - sc[1] * a, cc[3] * a - cs[2] * b),
+                ("re", "re"): multiply_basis(cc[0] * b + cs[1] * a, sc[2] * b + ss[3] * a),
+                ("re", "im"): multiply_basis(cc[1] * a - cs[0] * b, sc[3] * a - ss[2] * b),
+                ("im", "re"): multiply_basis(-sc[0] * b - ss[1] * a, cc[2] * b + cs[3] * a),
+                ("im", "im"): multiply_basis(ss[0] * b - sc[1] * a, cc[3] * a - cs[2] * b),
             }
             for (i, j), block in blocks.items():
                 if i == "im" and m == 0:
                     continue
-                rows, columns = (self.re if i == "re" else self.im)[mine], self.re if j == "re" else self.im
+                rows, columns = (self.re if i == "re" else self.im)[is_order], self.re if j == "re" else self.im
                 selection = slice(None) if j == "re" else self.m > 0
                 matrix[np.ix_(rows, columns[selection])] = block[:, selection]
         return matrix
@@ -237,9 +237,9 @@ class ScalarRings(Rings):
     def rhs(self, motions: ComplexArray) -> FloatArray:
         """b from the moments of the weighted values."""
         values = self.spectra(motions, turns_over=False)[0][self.m]
-        rhs, positive = np.zeros(self.size), self.m > 0
+        rhs, is_positive = np.zeros(self.size), self.m > 0
         rhs[self.re] = np.sum(self.b * values.real, axis=1)
-        rhs[self.im[positive]] = np.sum(self.b * values.imag, axis=1)[positive]
+        rhs[self.im[is_positive]] = np.sum(self.b * values.imag, axis=1)[is_positive]
         return rhs
 
 
@@ -279,15 +279,15 @@ def weighted_sums(
     """Σ Aᵀ X A, Σ Aᵀ X y and Σ yᵀ X y with any symmetric X = [[a, c], [c, b]] at each source."""
     sources = _WeightedSources(field.lon, field.lat, np.asarray(weights, float), field.data)
     if len(sources) > design_matrix_limit(modes):
-        return compressed_sums(sources, modes, threads)
+        return sum_by_moments(sources, modes, threads)
 
-    def block(chunk):
+    def sum_chunk(chunk):
         basis, subset = harmonics(field.lon[chunk], field.lat[chunk], modes), sources[chunk]
-        flat = multiply_weights(subset.weights, basis).reshape(len(modes), -1)
-        square = np.vdot(subset.data, multiply_weights(subset.weights, subset.data))
-        return basis.reshape(len(modes), -1) @ flat.T, flat @ subset.data.ravel(), float(square)
+        weighted_basis = multiply_weights(subset.weights, basis).reshape(len(modes), -1)
+        chi2 = np.vdot(subset.data, multiply_weights(subset.weights, subset.data))
+        return basis.reshape(len(modes), -1) @ weighted_basis.T, weighted_basis @ subset.data.ravel(), float(chi2)
 
-    return reduce(add_sums, map_blocks(block, len(sources), max(64, 2**21 // len(modes)), threads))
+    return reduce(add_sums, map_blocks(sum_chunk, len(sources), max(64, 2**21 // len(modes)), threads))
 
 
 def weighted_matrix(field: Field, weights: FloatArray, modes: Modes, threads: int | None = None) -> FloatArray:
@@ -311,31 +311,31 @@ def leverage(
     """
     p = len(modes)
     weights, components = field.weights * factors, field.components
-    trace = weights[:components].sum(0)
-    n_sources, total_trace = (len(field), trace.sum()) if total is None else total
+    traces = weights[:components].sum(0)
+    n_sources, total_trace = (len(field), traces.sum()) if total is None else total
     if not _has_exact_leverages(n_sources, modes):
-        return _approximate_leverage(trace, p, components, total_trace)
+        return _approximate_leverages(traces, p, components, total_trace)
 
     root = np.linalg.cholesky((inverse + inverse.T) / 2).T
-    pairs = ((0, 0), (1, 1), (0, 1))[: len(weights)]
+    component_pairs = ((0, 0), (1, 1), (0, 1))[: len(weights)]
 
-    def block(chunk):
+    def compute_chunk(chunk):
         basis = harmonics(field.lon[chunk], field.lat[chunk], modes)
-        white = (root @ basis.reshape(p, -1)).reshape(basis.shape)
+        whitened = (root @ basis.reshape(p, -1)).reshape(basis.shape)
         # The symmetric matrices of a source's motion: their trace with its weight, where c counts twice.
-        products = [(1 + (i != j)) * np.einsum("pn,pn->n", white[:, i], white[:, j]) for i, j in pairs]
+        products = [(1 + (i != j)) * np.einsum("pn,pn->n", whitened[:, i], whitened[:, j]) for i, j in component_pairs]
         return np.einsum("kn,kn->n", weights[:, chunk], products) / components
 
-    leverages = np.concatenate(list(map_blocks(block, len(field), max(64, 2**18 // p), 1)))
+    leverages = np.concatenate(list(map_blocks(compute_chunk, len(field), max(64, 2**18 // p), 1)))
     return np.clip(leverages, 0.0, 0.9)
 
 
-def _approximate_leverage(trace, p, components, total_trace):
-    """The leverages by the sources' weights alone."""
+def _approximate_leverages(trace, p, components, total_trace):
+    """Approximate the leverages by the sources' weights alone."""
     return np.minimum(p * trace / total_trace / components, 0.9)
 
 
-def compute_outer_products(field: Field, residual: FloatArray, factors: FloatArray) -> FloatArray:
+def compute_score_products(field: Field, residual: FloatArray, factors: FloatArray) -> FloatArray:
     """Compute factors² C⁻¹ΔΔᵀC⁻¹ of each source, (3, n), or (1, n) of scalars: the scatter of ψ = factors C⁻¹Δ."""
     score = multiply_weights(field.weights, residual)
     if len(score) == 1:
@@ -362,21 +362,21 @@ def sandwich(
     information (Zhang 2012, J. Agric. Biol. Environ. Stat. 17, 652): (k² + k) h_i² for a leverage h_i in k components.
     """
     if total is not None and not _has_exact_leverages(total[0], modes):
-        summand = partial(_sum_slopes_and_products, scores=scores, modes=modes, total=total, power=power)
-        middle = sky.sum(summand, roles=(), words=words)
-        slope, n_sources = np.linalg.inv(middle["slope"]), total[0]
+        sum_field = partial(_sum_slopes_and_products, scores=scores, modes=modes, total=total, power=power)
+        score_sums = sky.sum(sum_field, roles=(), words=words)
+        inverse_slope, n_sources = np.linalg.inv(score_sums["slope"]), total[0]
     else:
         # The fitted matrix is for exact leverages, which large problems do without.
         has_exact = sky.in_memory is None or _has_exact_leverages(len(sky.in_memory), modes)
-        slopes = sky.sum(partial(_sum_slopes, scores=scores, modes=modes, has_exact=has_exact), roles=(), words=words)
-        slope, n_sources = np.linalg.inv(slopes["slope"]), slopes["sources"]
-        fitted = np.linalg.inv(slopes["fitted"]) if has_exact else slope
-        total = (n_sources, slopes["trace"])
-        summand = partial(_sum_score_products, scores=scores, modes=modes, inverse=fitted, total=total, power=power)
-        middle = sky.sum(summand, roles=(), words=words)
-    covariance = slope @ middle["matrix"] @ slope
+        sums = sky.sum(partial(_sum_matrices, scores=scores, modes=modes, has_exact=has_exact), roles=(), words=words)
+        inverse_slope, n_sources = np.linalg.inv(sums["slope"]), sums["sources"]
+        inverse = np.linalg.inv(sums["fitted"]) if has_exact else inverse_slope
+        total = (n_sources, sums["trace"])
+        sum_field = partial(_sum_score_products, scores=scores, modes=modes, inverse=inverse, total=total, power=power)
+        score_sums = sky.sum(sum_field, roles=(), words=words)
+    covariance = inverse_slope @ score_sums["matrix"] @ inverse_slope
     residual_dof = modes.components * n_sources - len(modes)  # by which residuals can differ
-    return (covariance + covariance.T) / 2, min(score_dof(middle["squares"], modes), float(residual_dof))
+    return (covariance + covariance.T) / 2, min(score_dof(score_sums["squares"], modes), float(residual_dof))
 
 
 def score_dof(squares: float, modes: Modes) -> float:
@@ -385,7 +385,7 @@ def score_dof(squares: float, modes: Modes) -> float:
     return p * (p + 1) / ((k**2 + k) * squares)
 
 
-def _sum_slopes(field, scores, modes, has_exact):
+def _sum_matrices(field, scores, modes, has_exact):
     """Sum over some sources: the matrices with weights u and with their slopes, Σ u tr W, and how many they are."""
     _, u, slopes = scores(field)
     return {
@@ -400,7 +400,7 @@ def _sum_score_products(field, scores, modes, inverse, total, power):
     """Sum AᵀψψᵀA and h² over some sources."""
     residual, u, _ = scores(field)
     leverages = leverage(field, modes, inverse, u, total=total)
-    products = compute_outer_products(field, residual, u / (1 - leverages) ** power)
+    products = compute_score_products(field, residual, u / (1 - leverages) ** power)
     return {"matrix": weighted_matrix(field, products, modes), "squares": float(leverages @ leverages)}
 
 
@@ -410,19 +410,19 @@ def _sum_slopes_and_products(field, scores, modes, total, power):
 
     residual, u, slopes = scores(field)
 
-    def block(part):
-        chunk, squares, half = field[part], 0.0, 1 if field.components == 1 else 3
+    def sum_block(block):
+        chunk, squared_leverage, half = field[block], 0.0, 1 if field.components == 1 else 3
         planes = np.empty((2 * half, len(chunk)))
-        for small in slice_blocks(len(chunk)):
-            subset, rows = chunk[small], slice(part.start + small.start, part.start + small.stop)
-            leverages = _approximate_leverage(subset.information * u[rows], len(modes), subset.components, total[1])
-            planes[:half, small] = subset.weights * slopes[rows]
-            planes[half:, small] = compute_outer_products(subset, residual[:, rows], u[rows] / (1 - leverages) ** power)
-            squares += float(leverages @ leverages)
+        for piece in slice_blocks(len(chunk)):
+            subset, rows = chunk[piece], slice(block.start + piece.start, block.start + piece.stop)
+            leverages = _approximate_leverages(subset.information * u[rows], len(modes), subset.components, total[1])
+            planes[:half, piece] = subset.weights * slopes[rows]
+            planes[half:, piece] = compute_score_products(subset, residual[:, rows], u[rows] / (1 - leverages) ** power)
+            squared_leverage += float(leverages @ leverages)
         moments = fourier_moments(chunk.lon, chunk.lat, planes, 2 * modes.lmax, _MOMENT_ACCURACY)
-        return {"moments": moments[:, 2 * modes.lmax :], "squares": squares}
+        return {"moments": moments[:, 2 * modes.lmax :], "squares": squared_leverage}
 
-    sums = reduce(add_sums, map_blocks(block, len(field), BLOCK))
+    sums = reduce(add_sums, map_blocks(sum_block, len(field), BLOCK))
     rings = make_rings(modes)
     slope, matrix = (rings.matrix(moments) for moments in np.split(sums.pop("moments"), 2))
     return sums | {"slope": slope, "matrix": matrix}

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ncfdtr
 
-from fit.pairs._sums import check_edges, find_covariance, make_windows, sum_pairs
+from fit.pairs._sums import check_bin_edges, find_covariance, make_windows, sum_pairs
 from fit.results.quality import SEEN
 from fit.results.storage import Result
 from vsh.field import Field
@@ -29,19 +29,19 @@ TEMPLATES = {
 }
 
 
-def _format_limit(name: str, amplitude: float) -> str:
+def _format_limit(name: str, upper_limit: float) -> str:
     """Format a limit in words: a vector by its length, whose power is 8π/3 of its square."""
     if name in ("spin", "glide"):
-        return f"{name} below {np.sqrt(3 * max(amplitude, 0.0) / (8 * np.pi)):.3g} µas/yr"
-    return f"{'h70² Ω of waves' if name == 'waves' else name} below {amplitude:.3g}"
+        return f"{name} below {np.sqrt(3 * max(upper_limit, 0.0) / (8 * np.pi)):.3g} µas/yr"
+    return f"{'h70² Ω of waves' if name == 'waves' else name} below {upper_limit:.3g}"
 
 
 def waves_curve(theta: ArrayLike) -> FloatArray:
     """Γ(θ), ξ+ = H0² Ω Γ of an isotropic background: Book & Flanagan (2011, PRD 83, 024024), eq. 74–77."""
     s2 = np.sin(float_array("theta", theta) / 2) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
-        logs = np.where((s2 > 0) & (s2 < 1), s2 * np.log(s2) / (1 - s2), np.where(s2 < 1, 0.0, -1.0))
-    return 1 - 7 * s2 - 6 * s2 * logs
+        log_terms = np.where((s2 > 0) & (s2 < 1), s2 * np.log(s2) / (1 - s2), np.where(s2 < 1, 0.0, -1.0))
+    return 1 - 7 * s2 - 6 * s2 * log_terms
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -104,7 +104,7 @@ class TemplateFit(Result):
         tail = (1 - between("probability", probability, 0.0, 1.0)) / 2
         dof = max(self.n_effective - 1, 2.0)
         return np.array(
-            [_compute_limits(*row, tail, dof) for row in zip(self.values, self.sigma, self.coefficients, strict=True)]
+            [_compute_interval(*row, tail, dof) for row in zip(self.values, self.sigma, self.coefficients, strict=True)]
         )
 
     @property
@@ -124,8 +124,8 @@ class TemplateFit(Result):
     def _sections(self, long):
         table = self.to_table()
         table["meaning"] = [TEMPLATES.get(name, "") for name in self.names]
-        errors = "from the scatter between blocks of the sky; the 95 % intervals allow for the distribution of sums of"
-        facts, forms = [("errors", f"{errors} squares")], dict.fromkeys(("low95", "high95"), ".3g")
+        origin = "from the scatter between blocks of the sky; the 95 % intervals allow for the distribution of sums of"
+        facts, forms = [("errors", f"{origin} squares")], dict.fromkeys(("low95", "high95"), ".3g")
         return (Section("Templates in the correlation of motions", facts, table, forms=forms),)
 
     def to_table(self) -> Table:
@@ -173,15 +173,15 @@ def fit_templates(correlation: Any, templates: dict[str, Callable[[FloatArray], 
         curve = float_array(f"the template {name!r}", function(bins.theta), (2, len(bins.theta)))
         curves.append(curve @ pair_weights.T / pair_weights.sum(1))
     design = np.array(curves)[:, :, has_pairs].reshape(len(curves), -1)
-    root = np.sqrt(np.tile(correlation.weight[has_pairs], 2))
-    if design.shape[1] < len(curves) or np.linalg.matrix_rank(design * root) < len(curves):
+    root_weights = np.sqrt(np.tile(correlation.weight[has_pairs], 2))
+    if design.shape[1] < len(curves) or np.linalg.matrix_rank(design * root_weights) < len(curves):
         raise ParameterError(
             f"{has_pairs.sum()} bins cannot tell {len(curves)} templates apart: take more bins, at more angles"
         )
-    inverse = np.linalg.pinv((design * root).T) * root
-    values = inverse @ np.stack([correlation.plus, correlation.minus])[:, has_pairs].ravel()
+    pseudoinverse = np.linalg.pinv((design * root_weights).T) * root_weights
+    values = pseudoinverse @ np.stack([correlation.plus, correlation.minus])[:, has_pairs].ravel()
     is_used = np.tile(has_pairs, 2)
-    covariance = inverse @ correlation.covariance[np.ix_(is_used, is_used)] @ inverse.T
+    covariance = pseudoinverse @ correlation.covariance[np.ix_(is_used, is_used)] @ pseudoinverse.T
     if not np.isfinite(covariance).all():
         raise ParameterError("these sources give no errors of the correlation: they are too few, or too close together")
     return TemplateFit(
@@ -190,13 +190,13 @@ def fit_templates(correlation: Any, templates: dict[str, Callable[[FloatArray], 
         covariance=(covariance + covariance.T) / 2,
         curves=np.tensordot(values, np.array(curves), 1),
         theta=correlation.theta,
-        coefficients=np.array([_count_coefficients(function) for function in templates.values()]),
+        coefficients=np.array([_count_template_coefficients(function) for function in templates.values()]),
         n_effective=correlation.n_effective,
     )
 
 
-def _compute_limits(value, sigma, k, tail, dof):
-    """Compute the limits of one amplitude."""
+def _compute_interval(value, sigma, k, tail, dof):
+    """Compute the interval of one amplitude."""
     # Var = 2 k s⁴ + 4 s² P, P the value as it is.
     s2 = (np.sqrt(16 * value**2 + 8 * k * sigma**2) - 4 * value) / (4 * k)
     ratio = max(value / s2 + k, 0.0) / k  # P/s² + k over k
@@ -217,15 +217,15 @@ def _solve_noncentrality(ratio, k, dof, p):
     return (lower + upper) / 2
 
 
-def _count_coefficients(function, lmax=40):
+def _count_template_coefficients(function, lmax=40):
     """Count the coefficients, (Σ P)²/Σ P²/(2l + 1), of a template over degrees and kinds: 3 for spin, 13 for waves."""
-    node, weight = np.polynomial.legendre.leggauss(400)
-    theta = np.arccos(node)
-    plus, minus = function(theta) * weight
+    nodes, weights = np.polynomial.legendre.leggauss(400)
+    theta = np.arccos(nodes)
+    plus, minus = function(theta) * weights
     degrees = 2 * np.arange(1, lmax + 1) + 1
     total, difference = degrees * (d_plus(lmax, theta) @ plus), degrees * (d_minus(lmax, theta) @ minus)
-    power = np.maximum([total + difference, total - difference], 0.0)
-    return float(power.sum() ** 2 / max(np.sum(power**2 / degrees), 1e-300)) or 1.0
+    powers = np.maximum([total + difference, total - difference], 0.0)
+    return float(powers.sum() ** 2 / max(np.sum(powers**2 / degrees), 1e-300)) or 1.0
 
 
 #: The narrowest bin, in units of 1/lmax, that is resolved to 1e-3.
@@ -330,9 +330,9 @@ class Correlation(Result):
         return fit_templates(self, make_template_functions(templates, arguments.positive("hubble", hubble)))
 
     def _sections(self, long):
-        pairs = "pairs of a source with itself are excluded"
+        remark = "pairs of a source with itself are excluded"
         facts = [
-            ("sources", f"{self.n_data // 2}; harmonic sums to degree {self.lmax}; {pairs}"),
+            ("sources", f"{self.n_data // 2}; harmonic sums to degree {self.lmax}; {remark}"),
             ("ξ±", "⟨u∥u∥'⟩ ± ⟨u⊥u⊥'⟩; errors from the scatter of " + f"{self.n_blocks} blocks of the sky"),
         ]
         columns = ("theta", "n_pairs", "plus", "sigma_plus", "minus", "sigma_minus")
@@ -364,7 +364,7 @@ class Correlation(Result):
 
 @arguments.accepts(
     field=arguments.a(Field, Parts),
-    edges=lambda _, value: check_edges(value),
+    edges=lambda _, value: check_bin_edges(value),
     nside=arguments.whole,
     lmax=arguments.whole,
 )
@@ -436,7 +436,7 @@ def correlation_function(
     total, blocks, frame, notes = sum_pairs(field, sum_degree, nside, weights, threads)
     plus_bins, minus_bins, scalar_bins = make_windows(edges, sum_degree).by_degree
     plus_power, minus_power, weight_power, count_power = total.spectra
-    weight, count = scalar_bins @ weight_power, scalar_bins @ count_power / 2
+    weight, pair_counts = scalar_bins @ weight_power, scalar_bins @ count_power / 2
     with np.errstate(divide="ignore", invalid="ignore"):
         plus_bins, minus_bins, scalar_bins = (bins / weight[:, None] for bins in (plus_bins, minus_bins, scalar_bins))
     plus, minus = plus_bins @ plus_power, minus_bins @ minus_power
@@ -449,7 +449,7 @@ def correlation_function(
         )
     if len(blocks) < 4:
         notes = (*notes, f"{len(blocks)} blocks of the sky tell no errors: take a larger nside")
-    if (is_empty := count < 0.5).any():
+    if (is_empty := pair_counts < 0.5).any():
         notes = (*notes, f"{is_empty.sum()} bins have no pairs: no values")
         plus, minus = (np.where(is_empty, np.nan, xi) for xi in (plus, minus))
     block_weights = np.array([block.weights[0] for block in blocks])  # Σ w Y_00
@@ -458,7 +458,7 @@ def correlation_function(
         plus=plus,
         minus=minus,
         weight=weight / 2,
-        n_pairs=count,
+        n_pairs=pair_counts,
         covariance=covariance,
         edges=edges,
         window=weight_power,

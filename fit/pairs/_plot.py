@@ -8,7 +8,7 @@ from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, panels
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
 _PLUS, _MINUS = COLOURS[0], COLOURS[2]
-_ANGLE, _VALUE = "angle between the sources  [°]", "correlation  [(µas/yr)²]"
+_ANGLE_LABEL, _CORRELATION_LABEL = "angle between the sources  [°]", "correlation  [(µas/yr)²]"
 
 
 @apply_style
@@ -27,7 +27,7 @@ def plot_pairs(correlation: Any, fit: Any = None, *, ax: OnAxes | None = None) -
         for curve, colour, label in zip(fit.curves, (_PLUS, _MINUS), ("fit of ξ₊", "fit of ξ₋"), strict=True):
             axes.plot(degrees, curve, color=colour, alpha=0.8, label=label)
     axes.axhline(0, color="0.6", linewidth=0.6)
-    axes.set_ylabel(_VALUE)
+    axes.set_ylabel(_CORRELATION_LABEL)
     legend_above(axes, 4)
     if correlation.edges[-1] > np.pi / 2:
         axes.set_xticks(range(0, 181, 30))
@@ -40,7 +40,7 @@ def plot_pairs(correlation: Any, fit: Any = None, *, ax: OnAxes | None = None) -
         color="0.75",
         edgecolor="white",
     )
-    pair_axes.set(xlabel=_ANGLE, ylabel=f"pairs\n[$10^{power}$]" if power else "pairs")
+    pair_axes.set(xlabel=_ANGLE_LABEL, ylabel=f"pairs\n[$10^{power}$]" if power else "pairs")
     return panel_axes
 
 
@@ -51,6 +51,6 @@ def plot_curves(fit: Any, *, ax: Axes | None = None) -> Axes:
     for curve, colour, label in zip(fit.curves, (_PLUS, _MINUS), ("ξ₊", "ξ₋"), strict=True):
         axes.plot(np.degrees(fit.theta), curve, color=colour, label=label)
     axes.axhline(0, color="0.6", linewidth=0.6)
-    axes.set(xlabel=_ANGLE, ylabel=_VALUE)
+    axes.set(xlabel=_ANGLE_LABEL, ylabel=_CORRELATION_LABEL)
     legend_above(axes)
     return axes

@@ -82,7 +82,7 @@ def sum_pairs(
             raise ParameterError(
                 "weights= are of the sources of a Field in memory; those of parts follow from their errors"
             )
-        sums = field.sum(partial(_sum_part, lmax=lmax, nside=nside), roles=(), words="pairs")
+        sums = field.sum(partial(_sum_pairs_of_part, lmax=lmax, nside=nside), roles=(), words="pairs")
     else:
         if weights is not None:
             weights = float_array("weights", weights, (len(field),))
@@ -92,7 +92,7 @@ def sum_pairs(
                 )
         if len(field) < 2:
             raise FieldError("pairs need two sources at least")
-        sums = _sum_part(field, lmax, nside, weights, threads)
+        sums = _sum_pairs_of_part(field, lmax, nside, weights, threads)
     frame = find_single_frame(sums["frames"])
     blocks = [sums["blocks"][pixel] for pixel in sorted(sums["blocks"])]
     total = reduce(add, blocks)
@@ -101,25 +101,25 @@ def sum_pairs(
     return total, blocks, frame, drop_empty_notes(merge_notes(*sums["notes"]))
 
 
-def _sum_part(field, lmax, nside, weights=None, threads=1):
-    blocks = _sum_by_block(field, lmax, nside, weights, threads)
+def _sum_pairs_of_part(field, lmax, nside, weights=None, threads=1):
+    blocks = _sum_pairs_by_block(field, lmax, nside, weights, threads)
     return {"blocks": blocks, "frames": [field.frame], "notes": [tuple(field.notes)]}
 
 
-def _sum_by_block(field, lmax, nside, weights, threads):
+def _sum_pairs_by_block(field, lmax, nside, weights, threads):
     """Sum over the sources of each pixel, by pixel."""
-    pixel = pixels_of(field.lon, field.lat, nside)
-    order = np.argsort(pixel, kind="stable")
-    starts = np.flatnonzero(np.diff(pixel[order], prepend=-1))
+    pixel_numbers = pixels_of(field.lon, field.lat, nside)
+    order = np.argsort(pixel_numbers, kind="stable")
+    starts = np.flatnonzero(np.diff(pixel_numbers[order], prepend=-1))
     pixel_rows = np.split(order, starts[1:])
     weights = 2 / np.sum(field.sigma**2, axis=0) if weights is None else weights
     block_sums = map_blocks(
-        lambda chunk: _sum_block(field, weights, pixel_rows[chunk.start], lmax), len(pixel_rows), 1, threads, "pairs"
+        lambda chunk: _sum_in_block(field, weights, pixel_rows[chunk.start], lmax), len(pixel_rows), 1, threads, "pairs"
     )
-    return dict(zip(pixel[order][starts].tolist(), block_sums, strict=True))
+    return dict(zip(pixel_numbers[order][starts].tolist(), block_sums, strict=True))
 
 
-def _sum_block(field, weights, rows, lmax):
+def _sum_in_block(field, weights, rows, lmax):
     from vsh.transform import adjoint
 
     lon, lat, w, motion = field.lon[rows], field.lat[rows], weights[rows], field.motion[:, rows]
@@ -135,24 +135,24 @@ def _sum_block(field, weights, rows, lmax):
 
 def find_covariance(blocks: Sequence[PairSums], plus: FloatArray, minus: FloatArray, weight: FloatArray) -> FloatArray:
     """Find the covariance of k linear functions of the spectra of pairs, (k, k); nan of less than four blocks."""
-    count = len(blocks)
-    if count < 4:
+    n = len(blocks)
+    if n < 4:
         return np.full((len(plus),) * 2, np.nan)
     cross_terms = _compute_cross_terms(blocks, plus, minus, weight)
     self_terms = np.einsum("bkk->bk", cross_terms)
-    pairs = 2 * cross_terms
-    pairs[:, range(count), range(count)] = 0.0
-    contributions = self_terms + pairs.sum(2)
+    pair_terms = 2 * cross_terms
+    pair_terms[:, range(n), range(n)] = 0.0
+    contributions = self_terms + pair_terms.sum(2)
     deviation = contributions - contributions.mean(1, keepdims=True)
-    jackknife = count / (count - 1) * deviation @ deviation.T
+    jackknife = n / (n - 1) * deviation @ deviation.T
     # What each pair of blocks has that neither of the two has with all others.
-    block_effects = pairs.sum(2) / (count - 2)
-    mean = block_effects.sum(1) * (count - 2) / (count - 1) / count
+    block_effects = pair_terms.sum(2) / (n - 2)
+    mean_effect = block_effects.sum(1) * (n - 2) / (n - 1) / n
     residuals = (
-        pairs - block_effects[:, :, None] - block_effects[:, None, :] + (mean * count / (count - 2))[:, None, None]
+        pair_terms - block_effects[:, :, None] - block_effects[:, None, :] + (mean_effect * n / (n - 2))[:, None, None]
     )
-    residuals[:, range(count), range(count)] = 0.0
-    double_counted = np.sum(residuals**2, axis=(1, 2)) / 2 * (count - 1) / (count - 3)
+    residuals[:, range(n), range(n)] = 0.0
+    double_counted = np.sum(residuals**2, axis=(1, 2)) / 2 * (n - 1) / (n - 3)
     with np.errstate(divide="ignore", invalid="ignore"):
         shrink = np.sqrt(np.clip(1 - double_counted / np.diag(jackknife), 0.5, 1.0))
     return jackknife * np.outer(shrink, shrink)
@@ -203,22 +203,22 @@ def make_windows(edges: FloatArray, lmax: int) -> Windows:
 
 @lru_cache(maxsize=4)
 def _compute_windows(edges, lmax):
-    theta, weight, ramp = [], [], []
+    theta, weights, ramps = [], [], []
     for lower, upper in pairwise(edges):
-        x, w = leggauss(24 + int(0.7 * lmax * (upper - lower)))
-        theta.append(lower + (upper - lower) * (x + 1) / 2)
-        weight.append(w * (upper - lower) / 2 * np.sin(theta[-1]))
-        ramp.append(np.sin(np.pi / 4 * (x + 1)) ** 2)
+        nodes_of_panel, panel_weights = leggauss(24 + int(0.7 * lmax * (upper - lower)))
+        theta.append(lower + (upper - lower) * (nodes_of_panel + 1) / 2)
+        weights.append(panel_weights * (upper - lower) / 2 * np.sin(theta[-1]))
+        ramps.append(np.sin(np.pi / 4 * (nodes_of_panel + 1)) ** 2)
     nodes = np.concatenate(theta)
     starts = np.concatenate([[0], np.cumsum([len(angles) for angles in theta])])
     values = np.zeros((len(edges) - 2, len(nodes)))
     for k, window in enumerate(values):
-        window[starts[k] : starts[k + 1]] = ramp[k] * weight[k]
-        window[starts[k + 1] : starts[k + 2]] = (1 - ramp[k + 1]) * weight[k + 1]
+        window[starts[k] : starts[k + 1]] = ramps[k] * weights[k]
+        window[starts[k + 1] : starts[k + 2]] = (1 - ramps[k + 1]) * weights[k + 1]
     return Windows(nodes, values, d_plus(lmax, nodes), d_minus(lmax, nodes), legvander(np.cos(nodes), lmax).T)
 
 
-def check_edges(edges: ArrayLike) -> FloatArray:
+def check_bin_edges(edges: ArrayLike) -> FloatArray:
     """Check edges of bins: they ascend from 0 to π at most."""
     array = float_array("edges", edges)
     if array.ndim != 1 or array.size < 3:

@@ -62,15 +62,15 @@ class CompressedLikelihood:
 
     def __call__(self, arguments: FloatArray) -> Any:
         """Interpolate c (n,), û (n, 3), M (n, 3, 3) at spreads, excess noises and flow sizes, (3, n), within limits."""
-        c, peak, matrix = np.split(self._interpolate(arguments, slice(0, 10)), [1, 4], axis=1)
+        c, peak, matrix = np.split(self._interpolate_functions(arguments, slice(0, 10)), [1, 4], axis=1)
         return c[:, 0], peak, _fill_symmetric(matrix)
 
     def acceleration(self, arguments: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean (n, 3) and covariance (n, 3, 3) of ã, given all the rest."""
-        mean, slope, covariance = np.split(self._interpolate(arguments, slice(10, 28)), [3, 12], axis=1)
+        mean, slope, covariance = np.split(self._interpolate_functions(arguments, slice(10, 28)), [3, 12], axis=1)
         return mean + np.einsum("nij,nj->ni", slope.reshape(-1, 3, 3), u), _fill_symmetric(covariance)
 
-    def _interpolate(self, arguments, selection):
+    def _interpolate_functions(self, arguments, selection):
         bases = [axis.basis(np.asarray(value)) for axis, value in zip(self.axes, arguments, strict=True)]
         planes = np.tensordot(bases[2], self.coefficients[selection], (1, 3))  # (n, f, n_s, n_x)
         curves = np.einsum("nx,nfsx->nfs", bases[1], planes)
@@ -88,23 +88,23 @@ class LikelihoodFunctions:
     group: LocalGroup | None = None
 
     def at(self, s: FloatArray, x: FloatArray, q: FloatArray) -> FloatArray:
-        """The functions, (28, n), at n points: `marginalise` of the sums, flow and acceleration as they are known."""
-        pairs, pair_index = np.unique(np.stack([s, x]), axis=1, return_inverse=True)
-        sums = with_acceleration(self.rows.sums(*pairs, threads=self.threads), self.acceleration, self.rows.frame)
+        """The functions, (28, n), at n points: `marginalise_nuisance` of the sums, flow and acceleration as known."""
+        noise_pairs, pair_index = np.unique(np.stack([s, x]), axis=1, return_inverse=True)
+        sums = with_acceleration(self.rows.sums(*noise_pairs, threads=self.threads), self.acceleration, self.rows.frame)
         if self.rows.modes is None:
-            return marginalise(sums, self.spin, self.rows.frame)[:, pair_index.ravel()]
-        terms = []
-        for pair, size in zip(pair_index.ravel(), q, strict=True):
+            return marginalise_nuisance(sums, self.spin, self.rows.frame)[:, pair_index.ravel()]
+        columns = []
+        for number, flow_size in zip(pair_index.ravel(), q, strict=True):
             pair_sums = ParallaxSums(
-                sums.matrix[pair], sums.rhs[pair], sums.chi2_null[pair], sums.logdet[pair], sums.n_data
+                sums.matrix[number], sums.rhs[number], sums.chi2_null[number], sums.logdet[number], sums.n_data
             )
             if self.group is None:
-                pair_sums = add_flow_prior(pair_sums, 9, size)
+                pair_sums = add_flow_prior(pair_sums, 9, flow_size)
             else:  # the amplitudes stand for H_ref, and their mean goes with H0
-                pair_sums = self.group.added(add_flow_prior(pair_sums, 9, 1.0), 9, 1.0, None, size)
+                pair_sums = self.group.added(add_flow_prior(pair_sums, 9, 1.0), 9, 1.0, None, flow_size)
             marginal, _ = marginalise_flow(pair_sums, 9)
-            terms.append(marginalise(marginal, self.spin, self.rows.frame))
-        return np.stack(terms, axis=1)
+            columns.append(marginalise_nuisance(marginal, self.spin, self.rows.frame))
+        return np.stack(columns, axis=1)
 
 
 def compress_likelihood(functions: LikelihoodFunctions, limits: Sequence[tuple[float, float]]) -> CompressedLikelihood:
@@ -113,28 +113,28 @@ def compress_likelihood(functions: LikelihoodFunctions, limits: Sequence[tuple[f
     min_noise = float(np.sqrt(functions.rows.smallest_variance))
     scales = max(min_noise / functions.rows.largest_rate, 1e-6 * max(max_spread, 1e-30)), min_noise, max_flow
     axes = [Axis(*limit, scale, 1 if limit[0] == limit[1] else 12) for limit, scale in zip(limits, scales, strict=True)]
-    _check_separable(functions, max_spread, max_noise)
+    _check_unknowns_separable(functions, max_spread, max_noise)
     for i in range(3):  # each axis along the sharp edge of the others
         edge_axes = [Axis(axis.low, axis.low, axis.scale, 1) for axis in axes]
         while axes[i].count > 1:
             edge_axes[i] = axes[i]
-            if _find_largest_error(_tabulate(functions, edge_axes), functions) < _TABLE_ACCURACY:
+            if _find_largest_log_error(_tabulate_likelihood(functions, edge_axes), functions) < _TABLE_ACCURACY:
                 break
-            axes[i] = _refine(axes[i])
+            axes[i] = _refine_axis(axes[i])
     while True:
-        likelihood = _tabulate(functions, axes)
-        if max(axis.count for axis in axes) == 1 or _find_largest_error(likelihood, functions) < _TABLE_ACCURACY:
+        likelihood = _tabulate_likelihood(functions, axes)
+        if max(axis.count for axis in axes) == 1 or _find_largest_log_error(likelihood, functions) < _TABLE_ACCURACY:
             return likelihood
-        axes = [_refine(axis) for axis in axes]
+        axes = [_refine_axis(axis) for axis in axes]
 
 
-def _refine(axis):
+def _refine_axis(axis):
     if axis.count > _MOST_NODES:
         raise ConvergenceError("the likelihood is too rough to be tabulated: narrow the priors")
     return axis.finer()
 
 
-def _tabulate(functions, axes):
+def _tabulate_likelihood(functions, axes):
     nodes = np.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
     values = functions.at(*(node.ravel() for node in nodes)).reshape(-1, *nodes[0].shape)
     for axis_number, axis in enumerate(axes):
@@ -142,8 +142,8 @@ def _tabulate(functions, axes):
     return CompressedLikelihood(tuple(axes), values, functions.rows.hubble, functions.rows.frame)
 
 
-def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame: str) -> Any:
-    """The functions that are tabulated, (28, …), from normal equations, (…, 9, 9)."""
+def marginalise_nuisance(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame: str) -> Any:
+    """Marginalise acceleration and spin: the functions that are tabulated, (28, …), from equations, (…, 9, 9)."""
     is_free = isinstance(spin, str) and spin == "free"
     if isinstance(spin, Vector):
         spin = spin.to_frame(frame)
@@ -166,25 +166,25 @@ def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame
     return np.moveaxis(np.concatenate(functions, axis=-1), -1, 0)
 
 
-def _check_separable(functions, dispersion, excess_noise):
+def _check_unknowns_separable(functions, dispersion, excess_noise):
     block = slice(0, 9 if functions.spin is not None else 6)
     matrix = functions.rows.sums(dispersion, excess_noise, threads=functions.threads).matrix[block, block]
     names = ["v_x", "v_y", "v_z", "a_x", "a_y", "a_z", "omega_x", "omega_y", "omega_z"][block]
     check_determined(matrix, names, functions.rows.n_data // 2)
 
 
-def _find_largest_error(likelihood, functions, points=24):
+def _find_largest_log_error(likelihood, functions, n_points=24):
     """Find the largest error of log L near its maximum, at points between the nodes, against the sums themselves."""
-    t = (np.arange(points) + 0.5) / points
-    stride = 0.6180339887 * points
+    t = (np.arange(n_points) + 0.5) / n_points
+    stride = 0.6180339887 * n_points
     fractions = (t, (t * stride) % 1, (t * stride**2) % 1)  # all over the cube, and the same every time
     arguments = np.stack([axis.at(fraction) for axis, fraction in zip(likelihood.axes, fractions, strict=True)])
     exact = functions.at(*arguments)
     c0, peak0, m0 = exact[0], exact[1:4].T, _fill_symmetric(exact[4:10].T)
     c1, peak1, m1 = likelihood(arguments)
     depth = 1 + 0.01 * (c0.max() - c0)
-    shift = peak0 - peak1
-    peak_error = np.sqrt(np.abs(np.einsum("ni,nij,nj->n", shift, m0, shift)))
+    peak_shift = peak0 - peak1
+    peak_error = np.sqrt(np.abs(np.einsum("ni,nij,nj->n", peak_shift, m0, peak_shift)))
     matrix_error = np.abs(m0 - m1).max((1, 2)) / np.abs(m0).max((1, 2))
     return max((np.abs(c0 - c1) / depth).max(), (peak_error / depth).max(), (matrix_error / depth).max())
 
@@ -194,10 +194,10 @@ def _multiply_vectors(matrix, vector):
 
 
 def _fill_symmetric(triangle):
-    full = np.empty((len(triangle), 3, 3))
-    full[:, _UPPER[0], _UPPER[1]] = triangle
-    full[:, _UPPER[1], _UPPER[0]] = triangle
-    return full
+    symmetric = np.empty((len(triangle), 3, 3))
+    symmetric[:, _UPPER[0], _UPPER[1]] = triangle
+    symmetric[:, _UPPER[1], _UPPER[0]] = triangle
+    return symmetric
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,35 +206,35 @@ class ParallaxModel:
 
     likelihood: CompressedLikelihood
     priors: ModelPriors
-    along: str = "u"
+    letter: str = "u"
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the coordinates."""
-        return (*(f"{self.along}_{axis}" for axis in "xyz"), *self.priors.free)
+        return (*(f"{self.letter}_{axis}" for axis in "xyz"), *self.priors.free)
 
-    def velocities(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def compute_velocities(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """u and v, (n, 3) each, of coordinates (n, d)."""
         ratio = theta[:, 3:4] / self.likelihood.hubble  # H0 is the first of the free numbers
-        return (theta[:, :3], theta[:, :3] / ratio) if self.along == "u" else (theta[:, :3] * ratio, theta[:, :3])
+        return (theta[:, :3], theta[:, :3] / ratio) if self.letter == "u" else (theta[:, :3] * ratio, theta[:, :3])
 
-    def log_jacobian(self, ratio: FloatArray) -> FloatArray:
+    def compute_log_jacobian(self, ratio: FloatArray) -> FloatArray:
         """log |∂v/∂(coordinates)|, or |∂u/∂(coordinates)| for a prior that is flat in u."""
-        return 3 * (self.priors.velocity.flat_in_product - (self.along == "u")) * np.log(ratio)
+        return 3 * (self.priors.velocity.flat_in_product - (self.letter == "u")) * np.log(ratio)
 
     def log_probability(self, theta: FloatArray) -> FloatArray:
         """Log posterior density of coordinates (n, d), up to a constant."""
-        total = self.priors.log(theta[:, 3:])
-        is_allowed = np.isfinite(total)
-        arguments, ratio = self.likelihood_arguments(theta[is_allowed, 3:])
-        u, v = self.velocities(theta[is_allowed])
+        log_posterior = self.priors.log(theta[:, 3:])
+        is_allowed = np.isfinite(log_posterior)
+        arguments, ratio = self.compute_likelihood_arguments(theta[is_allowed, 3:])
+        u, v = self.compute_velocities(theta[is_allowed])
         c, peak, matrix = self.likelihood(arguments)
         offset = u - peak
-        total[is_allowed] += c - np.einsum("ni,nij,nj->n", offset, matrix, offset) / 2
-        total[is_allowed] += self.priors.velocity.log(v) + self.log_jacobian(ratio)
-        return np.where(np.isnan(total), -np.inf, total)
+        log_posterior[is_allowed] += c - np.einsum("ni,nij,nj->n", offset, matrix, offset) / 2
+        log_posterior[is_allowed] += self.priors.velocity.log(v) + self.compute_log_jacobian(ratio)
+        return np.where(np.isnan(log_posterior), -np.inf, log_posterior)
 
-    def likelihood_arguments(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def compute_likelihood_arguments(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
         """s, x and q of the likelihood, (3, n), and H0/H_ref, from the free numbers (n, k)."""
         columns = dict(zip(self.priors.free, parameters.T, strict=True))
         ratio = columns["H0"] / self.likelihood.hubble
@@ -252,39 +252,39 @@ class ParallaxModel:
         self, parameters: FloatArray, with_priors: bool = True
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log of the posterior at free numbers (n, k), a Gaussian v marginalised exactly; its mean and covariance."""
-        arguments, ratio = self.likelihood_arguments(parameters)
+        arguments, ratio = self.compute_likelihood_arguments(parameters)
         c, peak, matrix = self.likelihood(arguments)
         prior = self.priors.velocity
-        data = matrix * ratio[:, None, None] ** 2
+        data_precision = matrix * ratio[:, None, None] ** 2
         pull = np.einsum("nij,nj->ni", matrix, peak) * ratio[:, None] + prior.precision @ prior.mean
-        precision = data + prior.precision
+        precision = data_precision + prior.precision
         covariance = np.linalg.inv(precision)
         mean = np.einsum("nij,nj->ni", covariance, pull)
         misfit = np.einsum("ni,nij,nj->n", peak, matrix, peak) + prior.mean @ prior.precision @ prior.mean
-        log = c - (misfit - np.einsum("ni,ni->n", pull, mean)) / 2 - np.linalg.slogdet(precision)[1] / 2
+        log_posterior = c - (misfit - np.einsum("ni,ni->n", pull, mean)) / 2 - np.linalg.slogdet(precision)[1] / 2
         if prior.proper:
-            log += np.linalg.slogdet(prior.precision)[1] / 2
+            log_posterior += np.linalg.slogdet(prior.precision)[1] / 2
         if prior.flat_in_product:
-            log += 3 * np.log(ratio)
-        return (self.priors.log(parameters) + log if with_priors else log), mean, covariance
+            log_posterior += 3 * np.log(ratio)
+        return (self.priors.log(parameters) + log_posterior if with_priors else log_posterior), mean, covariance
 
-    def start(self, rng: np.random.Generator, walkers: int) -> FloatArray:
-        """Coordinates of walkers, (walkers, d): candidates drawn, weighed, and drawn again around the best."""
+    def draw_start(self, rng: np.random.Generator, n_walkers: int) -> FloatArray:
+        """Draw starting points, (n_walkers, d): candidates drawn, weighed, and drawn again around the best."""
         lower, upper = np.transpose([self.priors.limits(name) for name in self.priors.free])
-        n_candidates = max(4000, 20 * walkers)
+        n_candidates = max(4000, 20 * n_walkers)
         shape = n_candidates, len(lower)
-        parameters, log_drawn = rng.uniform(lower, upper, shape), 0.0
+        parameters, log_proposal = rng.uniform(lower, upper, shape), 0.0
         for _ in range(4):
-            velocity, log_velocity = self.draw_velocity(rng, parameters)
+            velocity, log_velocity = self.draw_velocity_and_density(rng, parameters)
             theta = np.column_stack([velocity, parameters])
-            log_weight = self.log_probability(theta) - log_drawn - log_velocity
+            log_weight = self.log_probability(theta) - log_proposal - log_velocity
             if not np.isfinite(log_weight).any():
                 raise ParameterError("the posterior is zero wherever it was tried: priors and data exclude each other")
             weight = np.exp(log_weight - log_weight.max())
             weight /= weight.sum()
             mean = weight @ parameters
             width = np.sqrt(weight @ (parameters - mean) ** 2) * 1.5 + 1e-6 * (upper - lower)
-            best = theta[np.argsort(-(log_weight + rng.gumbel(size=len(parameters))))[:walkers]]
+            start = theta[np.argsort(-(log_weight + rng.gumbel(size=len(parameters))))[:n_walkers]]
             # One in ten anywhere, so that no weight runs away; what falls outside has no density.
             is_anywhere = rng.uniform(size=(n_candidates, 1)) < 0.1
             parameters = np.where(is_anywhere, rng.uniform(lower, upper, shape), rng.normal(mean, width, shape))
@@ -292,32 +292,32 @@ class ParallaxModel:
             log_gaussian = np.log(0.9) - np.sum(
                 ((parameters - mean) / width) ** 2 / 2 + np.log(width * np.sqrt(2 * np.pi)), 1
             )
-            log_drawn = np.logaddexp(log_gaussian, np.log(0.1) - np.log(upper - lower).sum())
-        return best
+            log_proposal = np.logaddexp(log_gaussian, np.log(0.1) - np.log(upper - lower).sum())
+        return start
 
-    def draw_velocity(
+    def draw_velocity_and_density(
         self, rng: np.random.Generator | np.random.RandomState, parameters: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """The first three coordinates given the rest, (n, 3), and the log-density they were drawn with."""
+        """Draw the first three coordinates given the rest, (n, 3), with the log-density they were drawn with."""
         mean, root, root_logdet = self._compute_velocity_gaussian(parameters)
-        unit = rng.standard_normal(mean.shape)
-        return mean + np.einsum("nij,nj->ni", root, unit), -np.sum(unit**2, 1) / 2 - root_logdet
+        standard_normals = rng.standard_normal(mean.shape)
+        return mean + np.einsum("nij,nj->ni", root, standard_normals), -np.sum(standard_normals**2, 1) / 2 - root_logdet
 
     def log_density_of_velocity(self, theta: FloatArray) -> FloatArray:
-        """The log-density with which `draw_velocity` gives the first three of coordinates (n, d)."""
+        """The log-density with which `draw_velocity_and_density` gives the first three of coordinates (n, d)."""
         mean, root, root_logdet = self._compute_velocity_gaussian(theta[:, 3:])
-        unit = np.linalg.solve(root, (theta[:, :3] - mean)[..., None])[..., 0]
-        return -np.sum(unit**2, 1) / 2 - root_logdet
+        standard_normals = np.linalg.solve(root, (theta[:, :3] - mean)[..., None])[..., 0]
+        return -np.sum(standard_normals**2, 1) / 2 - root_logdet
 
     def _compute_velocity_gaussian(self, parameters):
-        """Mean, root of the covariance and log-determinant of that root, of the first three coordinates."""
-        arguments, ratio = self.likelihood_arguments(parameters)
+        """Compute mean, root of the covariance and log-determinant of that root, of the first three coordinates."""
+        arguments, ratio = self.compute_likelihood_arguments(parameters)
         if self.priors.velocity.gaussian:
             _, mean, covariance = self.marginalise_velocity(parameters)
         else:
             _, mean, matrix = self.likelihood(arguments)
             mean, covariance = mean / ratio[:, None], np.linalg.inv(matrix) / ratio[:, None, None] ** 2
-        if self.along == "u":
+        if self.letter == "u":
             mean, covariance = mean * ratio[:, None], covariance * ratio[:, None, None] ** 2
         root = np.linalg.cholesky(covariance)
         return mean, root, np.log(np.einsum("nii->ni", root)).sum(1)
@@ -325,8 +325,8 @@ class ParallaxModel:
     def to_samples(self, theta: FloatArray, rng: np.random.Generator) -> dict[str, FloatArray]:
         """Convert the samples to quantities by name: v, H0, the others, and ã, drawn given them."""
         parameters = theta[:, 3:]
-        arguments, _ = self.likelihood_arguments(parameters)
-        u, v = self.velocities(theta)
+        arguments, _ = self.compute_likelihood_arguments(parameters)
+        u, v = self.compute_velocities(theta)
         samples = dict(zip(("v_x", "v_y", "v_z"), v.T)) | {"speed": np.linalg.norm(v, axis=1)}
         samples |= dict(zip(self.priors.free, parameters.T))
         mean, covariance = self.likelihood.acceleration(arguments, u)
@@ -340,24 +340,24 @@ def make_parallax_model(
     spin: Literal["free"] | Vector | None = None,
     threads: int | None = None,
 ) -> ParallaxModel:
-    """The posterior of a catalogue's equations under priors."""
-    dispersion, flow = priors.limits("peculiar_dispersion"), (1.0, 1.0)
-    slow, fast = (limit / equations.hubble for limit in priors.limits("H0"))
+    """Make the posterior of a catalogue's equations under priors."""
+    dispersion_limits, flow_limits = priors.limits("peculiar_dispersion"), (1.0, 1.0)
+    min_ratio, max_ratio = (limit / equations.hubble for limit in priors.limits("H0"))
     if "peculiar_dispersion" in priors.free:
-        dispersion = dispersion[0] * slow, dispersion[1] * fast
+        dispersion_limits = dispersion_limits[0] * min_ratio, dispersion_limits[1] * max_ratio
     if "flow_amplitude" in priors.free:
         if equations.modes is None:
             raise ParameterError('an amplitude of the flow needs a flow: flows="linear"')
         lower, upper = priors.limits("flow_amplitude")
-        flow = max(lower, 1e-3) * slow, upper * fast
+        flow_limits = max(lower, 1e-3) * min_ratio, upper * max_ratio
     elif priors.group is not None:
-        flow = slow, fast
+        flow_limits = min_ratio, max_ratio
     functions = LikelihoodFunctions(equations, spin, priors.acceleration, threads, priors.group)
-    likelihood = compress_likelihood(functions, (dispersion, priors.limits("excess_noise"), flow))
-    return ParallaxModel(likelihood, priors, "v" if _prior_is_sharper(priors.velocity, likelihood) else "u")
+    likelihood = compress_likelihood(functions, (dispersion_limits, priors.limits("excess_noise"), flow_limits))
+    return ParallaxModel(likelihood, priors, "v" if _is_prior_sharper(priors.velocity, likelihood) else "u")
 
 
-def _prior_is_sharper(velocity, likelihood):
+def _is_prior_sharper(velocity, likelihood):
     """Return whether the prior on the velocity says more than the data, where they say most."""
     if not (velocity.gaussian and velocity.proper):
         return False

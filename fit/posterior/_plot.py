@@ -19,10 +19,10 @@ from vsh.tools.printing import import_quietly
 from vsh.tools.types import AxesArray, OnAxes
 
 #: The data say something of a quantity if they take a tenth off the width of its prior.
-_NARROWED = 0.9
+_NARROWED_SHARE = 0.9
 
 
-def format_label(name: str) -> str:
+def format_quantity_label(name: str) -> str:
     """Format a quantity's name with its unit, as on an axis."""
     unit = f"\n[{UNITS[name]}]" if UNITS.get(name) else ""
     return symbol(name) + unit
@@ -43,12 +43,12 @@ def plot_corner(
     if invalid_names:
         raise ParameterError(f"no quantity is called {', '.join(invalid_names)}; there are {', '.join(samples)}")
     if names is None:
-        candidates = [
+        varying = [
             name for name in quantities if not name.startswith(("omega_", "speed")) and np.ptp(samples[name]) > 0
         ]
         quantities = [
-            name for name in candidates if np.std(samples[name]) < _NARROWED * _find_prior_sigma(posterior, name)
-        ] or candidates
+            name for name in varying if np.std(samples[name]) < _NARROWED_SHARE * _find_prior_sigma(posterior, name)
+        ] or varying
     if not quantities:
         raise ParameterError("no quantity was free: there is nothing to draw")
     columns = np.stack([samples[name] for name in quantities], axis=1)
@@ -60,7 +60,7 @@ def plot_corner(
         import_quietly("corner").corner(
             columns,
             fig=figure,
-            labels=[format_label(name) for name in quantities],
+            labels=[format_quantity_label(name) for name in quantities],
             levels=(0.683, 0.954),
             truths=truth_values,
             truth_color=COLOURS[1],
@@ -72,19 +72,19 @@ def plot_corner(
             bins=30,
             max_n_ticks=3,
             labelpad=0.12,
-            range=[_find_range(*pair) for pair in zip(columns.T, truth_values, strict=True)],
+            range=[_find_axis_range(*pair) for pair in zip(columns.T, truth_values, strict=True)],
         )
     if ax is None:
         edge = 0.8 / size  # else corner cuts labels off
         figure.subplots_adjust(left=edge, bottom=edge, right=1 - 0.1 / size, top=1 - 0.35 / size)
     subplots = np.array(figure.axes[-k * k :], dtype=object).reshape(k, k)
     for axes, name, values in zip(subplots.diagonal(), quantities, columns.T, strict=True):
-        axes.set_title(f"{symbol(name)} = {_format_median(values)}", fontsize=7)
+        axes.set_title(f"{symbol(name)} = {_format_median_and_errors(values)}", fontsize=7)
     for axes in subplots[np.tril_indices(k)]:  # the end ticks of two neighbours would touch
         axes.xaxis.set_major_locator(MaxNLocator(3, prune="both", min_n_ticks=2))
     for axes in subplots[np.tril_indices(k, -1)]:
         axes.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
-    _draw_prior(subplots, posterior, quantities)
+    _draw_hubble_prior(subplots, posterior, quantities)
     handles = [Line2D([], [], color=COLOURS[1], label="truth")] * any(value is not None for value in truth_values)
     if "H0" in quantities and getattr(posterior, "model", None) is not None:
         handles.append(Line2D([], [], color="0.4", linestyle="--", linewidth=0.8, label="prior on $H_0$"))
@@ -107,14 +107,14 @@ def _find_prior_sigma(posterior, name):
     return prior.sigma if isinstance(prior, Normal) else np.inf
 
 
-def _format_median(values):
-    """Median with the way to both ends of its 68 %, two digits of the smaller."""
+def _format_median_and_errors(values):
+    """Format the median with the way to both ends of its 68 %, two digits of the smaller."""
     lower, middle, upper = np.quantile(values, (0.15865525, 0.5, 0.84134475))
     digits = decimals_of_error(min(middle - lower, upper - middle))
     return rf"${middle:.{digits}f}^{{+{upper - middle:.{digits}f}}}_{{-{middle - lower:.{digits}f}}}$"
 
 
-def _find_range(values, truth):
+def _find_axis_range(values, truth):
     """Find the range of all but the farthest thousandth of the samples, and of the truth; below zero if some are."""
     lower, upper = np.quantile(values, [0.0005, 0.9995])
     if truth is not None:
@@ -123,8 +123,8 @@ def _find_range(values, truth):
     return lower - margin if min(lower, values.min()) < 0 else max(lower - margin, 0.0), upper + margin
 
 
-def _draw_prior(subplots, posterior, names):
-    """The prior on H0 over the histogram of its samples."""
+def _draw_hubble_prior(subplots, posterior, names):
+    """Draw the prior on H0 over the histogram of its samples."""
     model = getattr(posterior, "model", None)
     if model is None or "H0" not in names:
         return
@@ -145,11 +145,11 @@ def plot_trace(posterior: Any, n_shown: int = 40, *, ax: OnAxes | None = None) -
     walker_stride, step_stride = max(1, chain.shape[1] // n_shown), max(1, len(chain) // 2000)
     r_hat, size, steps = posterior.r_hat, posterior.effective_size, np.arange(0, len(chain), step_stride)
     for axes, name, values in zip(subplots, names, np.moveaxis(chain, 2, 0), strict=True):
-        shown = values[::step_stride, ::walker_stride]
-        axes.plot(steps, shown, color=COLOURS[0], alpha=0.2, linewidth=0.3, rasterized=True)
+        shown_chains = values[::step_stride, ::walker_stride]
+        axes.plot(steps, shown_chains, color=COLOURS[0], alpha=0.2, linewidth=0.3, rasterized=True)
         if posterior.burn_in:
             axes.axvspan(0, posterior.burn_in, color="0.85", zorder=0)
-        axes.set_ylabel(format_label(name) if name in UNITS else symbol(name))
+        axes.set_ylabel(format_quantity_label(name) if name in UNITS else symbol(name))
         axes.set_title(
             f"R̂ = {r_hat[name]:.3f}, effective size {float(f'{size[name]:.2g}'):.0f}", loc="right", fontsize=6.5, pad=2
         )
@@ -162,7 +162,7 @@ def plot_marginals(grid: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """The marginal density of each quantity on a grid."""
     subplots = panels(ax, len(grid.names), 1, size=(WIDTH, 1.9 * len(grid.names)))
     for axes, name in zip(subplots, grid.names, strict=True):
-        x, p = grid.marginal(name)
-        axes.plot(x, p / (x[1] - x[0]), color=COLOURS[0])
-        axes.set(xlabel=format_label(name).replace("\n", "  "), ylabel="density", ylim=(0, None))
+        values, probabilities = grid.marginal(name)
+        axes.plot(values, probabilities / (values[1] - values[0]), color=COLOURS[0])
+        axes.set(xlabel=format_quantity_label(name).replace("\n", "  "), ylabel="density", ylim=(0, None))
     return subplots

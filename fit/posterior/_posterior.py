@@ -16,8 +16,8 @@ from scipy.special import logsumexp
 
 from fit.posterior._model import ParallaxModel
 from fit.posterior._priors import HUBBLE_LIMITS, UNITS, ModelPriors
-from fit.posterior._sampling import ENOUGH, Flat, Normal, autocorrelate_chains, make_inference_data, split_r_hat
-from fit.posterior._summary import SampleResult, Samples, make_sections
+from fit.posterior._sampling import ENOUGH, Flat, Normal, autocorrelate_chains, compute_split_r_hat, make_inference_data
+from fit.posterior._summary import SampleResult, Samples, make_posterior_sections
 from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.tools.digits import format_three_digits
@@ -25,7 +25,7 @@ from vsh.tools.errors import ConvergenceError, ParameterError
 from vsh.tools.types import AxesArray, FloatArray, OnAxes, PathName
 
 #: How many numbers cells are made of at most; cells along each for one and for two, to see where it is and in the end.
-MOST_NUMBERS = 2
+MAX_FREE_NUMBERS = 2
 _CELL_COUNTS = {1: (400, 4000), 2: (100, 200)}
 
 
@@ -58,8 +58,8 @@ class Cells:
         coarse_count, fine_count = _CELL_COUNTS[len(limits)]
         edges = [np.linspace(*pair, (count or coarse_count) + 1) for pair in limits]
         for _ in range(2):  # what the one before left over
-            coarse = cls._evaluate_on_grid(model, edges)
-            limits = [_find_support(edge, share) for edge, share in zip(edges, coarse.shares, strict=True)]
+            coarse_cells = cls._evaluate_on_grid(model, edges)
+            limits = [_find_support(edge, share) for edge, share in zip(edges, coarse_cells.shares, strict=True)]
             edges = [np.linspace(*pair, (count or coarse_count) + 1) for pair in limits]
         cells = cls._evaluate_on_grid(model, edges)
         if count is not None:
@@ -103,16 +103,16 @@ class Cells:
         lower = np.stack([edge[i] for edge, i in zip(self.edges, cell_indices, strict=True)], axis=1)
         upper = np.stack([edge[i + 1] for edge, i in zip(self.edges, cell_indices, strict=True)], axis=1)
         numbers = lower + (upper - lower) * rng.uniform(size=lower.shape)
-        velocity, log_velocity = self.model.draw_velocity(rng, numbers)
+        velocity, log_velocity = self.model.draw_velocity_and_density(rng, numbers)
         return np.column_stack([velocity, numbers]), self._compute_log_cell_density(cell_indices) + log_velocity
 
     def log_density(self, theta: FloatArray) -> FloatArray:
         """The log-density with which `draw` gives coordinates (n, d), up to the same constant."""
         cell_indices, is_inside = [], np.ones(len(theta), bool)
         for edge, column in zip(self.edges, theta[:, 3:].T, strict=True):
-            cells = np.searchsorted(edge, column, side="right") - 1
-            is_inside &= (cells >= 0) & (cells < edge.size - 1)
-            cell_indices.append(np.clip(cells, 0, edge.size - 2))
+            axis_cells = np.searchsorted(edge, column, side="right") - 1
+            is_inside &= (axis_cells >= 0) & (axis_cells < edge.size - 1)
+            cell_indices.append(np.clip(axis_cells, 0, edge.size - 2))
         log = np.where(is_inside, self._compute_log_cell_density(tuple(cell_indices)), -np.inf)
         return log + self.model.log_density_of_velocity(theta)
 
@@ -150,7 +150,7 @@ class Cells:
 def check_grid_possible(priors: ModelPriors) -> None:
     """Raise ParameterError where a posterior is not known in cells."""
     names = tuple(priors.free)
-    if len(names) > MOST_NUMBERS:
+    if len(names) > MAX_FREE_NUMBERS:
         raise ParameterError(f"a grid of {', '.join(names)} is too large: fix all but two, or sample with emcee")
     if not priors.velocity.gaussian:
         raise ParameterError("on a grid the prior on the velocity must be Gaussian or flat: sample with emcee")
@@ -166,9 +166,9 @@ def make_cells_if_possible(model: Any) -> Cells | None:
 
 
 def _find_support(edges, shares):
-    """Limits beyond which there is less than 1e-9 of the probability."""
-    populated = np.flatnonzero(shares > 1e-9 * shares.max())
-    return edges[populated[0]], edges[populated[-1] + 1]
+    """Find the limits beyond which every share is less than 1e-9 of the largest."""
+    populated_cells = np.flatnonzero(shares > 1e-9 * shares.max())
+    return edges[populated_cells[0]], edges[populated_cells[-1] + 1]
 
 
 def _refine_edges(edges, share, count):
@@ -252,7 +252,7 @@ class Posterior(SampleResult):
     def burn_in(self) -> int:
         """Steps left out at the start: five autocorrelation times of the slowest coordinate; none of draws."""
         has_burn_in = self.method == "emcee" and self.cells is None
-        steps = 5 * np.nan_to_num(self._find_longest_autocorrelation(), nan=np.inf)  # of a walker that never moved
+        steps = 5 * np.nan_to_num(self._find_longest_autocorrelation_time(), nan=np.inf)  # of a walker that never moved
         return int(min(np.ceil(steps), len(self.chain))) if has_burn_in else 0
 
     @property
@@ -263,7 +263,7 @@ class Posterior(SampleResult):
     @cached_property
     def r_hat(self) -> dict[str, float]:
         """Split R̂ of each coordinate after the burn-in, by name: 1 where all halves of walkers tell the same."""
-        return dict(zip(self.model.names, map(float, split_r_hat(self._cut_burn_in()))))
+        return dict(zip(self.model.names, map(float, compute_split_r_hat(self._cut_burn_in()))))
 
     @property
     def effective_size(self) -> dict[str, float]:
@@ -288,18 +288,18 @@ class Posterior(SampleResult):
         ConvergenceError
             If the chain is shorter than 50 autocorrelation times. `chain` is there all the same.
         """
-        self._check_length()
+        self._check_chain_length()
         draws = self.chain[self.burn_in :: self.thinning]
         return self.model.to_samples(draws.reshape(-1, draws.shape[-1]), np.random.default_rng([self.seed, 1]))
 
     def _sections(self, long):
         quantiles = self.hubble_by_prior if long else {}
-        return (*make_sections(self, long), *([_make_prior_section(quantiles)] if quantiles else []))
+        return (*make_posterior_sections(self, long), *([_make_hubble_prior_section(quantiles)] if quantiles else []))
 
     @cached_property
     def hubble_by_prior(self) -> dict[str, HubbleQuantiles]:
         """Quantiles of H0 under several priors, by their names; empty where the likelihood has no closed form."""
-        return _compute_hubble_by_prior(self.model)
+        return _compute_hubble_quantiles(self.model)
 
     def kept(self) -> Samples:
         """The samples without the chain: a `Samples`, which can be written and read back."""
@@ -307,7 +307,7 @@ class Posterior(SampleResult):
             samples=self.samples,
             frame=self.frame,
             notes=tuple(map(str, self.notes)),
-            priors=self.model.priors.in_words(),
+            priors=self.model.priors.describe_in_words(),
             seed=self.seed,
             walkers=self.n_walkers,
         )
@@ -380,14 +380,14 @@ class Posterior(SampleResult):
 
     def _cut_burn_in(self):
         """The chain as it is kept; its second half where it is too short to tell."""
-        slowest = self._find_longest_autocorrelation()
+        longest = self._find_longest_autocorrelation_time()
         half = len(self.chain) // 2
-        return self.chain[min(half, self.burn_in) if np.isfinite(slowest) else half :]
+        return self.chain[min(half, self.burn_in) if np.isfinite(longest) else half :]
 
-    def _find_longest_autocorrelation(self):
+    def _find_longest_autocorrelation_time(self):
         return float(np.max(list(self.autocorrelation.values())))  # nan if any is
 
-    def _check_length(self):
+    def _check_chain_length(self):
         steps, walkers, _ = self.chain.shape
         if self.method == "grid":
             if steps * walkers < _FEWEST_SAMPLES:
@@ -396,12 +396,12 @@ class Posterior(SampleResult):
                     "(n_samples=, --posterior N)"
                 )
             return
-        slowest = self._find_longest_autocorrelation()
-        if steps >= ENOUGH * slowest:
+        longest = self._find_longest_autocorrelation_time()
+        if steps >= ENOUGH * longest:
             return
-        is_finite = np.isfinite(slowest)
-        length = f"{steps / slowest:.1f} autocorrelation times" if is_finite else "so few that some walkers never moved"
-        target_steps = int(np.ceil(2.5 * ENOUGH * slowest)) if is_finite else 10 * steps
+        is_finite = np.isfinite(longest)
+        length = f"{steps / longest:.1f} autocorrelation times" if is_finite else "so few that some walkers never moved"
+        target_steps = int(np.ceil(2.5 * ENOUGH * longest)) if is_finite else 10 * steps
         raise ConvergenceError(
             f"{steps} steps are {length}; {ENOUGH} times are needed for a result. Ask for "
             f"{target_steps * walkers} samples or more (n_samples=, --posterior; in Python also max_samples=); a chain "
@@ -422,35 +422,35 @@ def read_samples(path: PathName) -> dict[str, FloatArray]:
 
 
 #: How many values of H0, and of each other number that is free, by how many there are.
-_GRID_SIZES = {0: (4000, 1), 1: (800, 150), 2: (300, 40)}
+_HUBBLE_GRID_SIZES = {0: (4000, 1), 1: (800, 150), 2: (300, 40)}
 
 
-def _compute_hubble_likelihood(model: Any) -> tuple[FloatArray, FloatArray] | None:
+def _compute_hubble_log_likelihood(model: Any) -> tuple[FloatArray, FloatArray] | None:
     """H0, and ln of its likelihood with all else integrated over its prior; None where there is no closed form."""
     nuisance_priors = {name: prior for name, prior in model.priors.free.items() if name != "H0"}
-    if not model.priors.velocity.gaussian or len(nuisance_priors) > max(_GRID_SIZES):
+    if not model.priors.velocity.gaussian or len(nuisance_priors) > max(_HUBBLE_GRID_SIZES):
         return None
-    n_hubble, n_nuisance = _GRID_SIZES[len(nuisance_priors)]
+    n_hubble, n_nuisance = _HUBBLE_GRID_SIZES[len(nuisance_priors)]
     # What depends on H0 beside v was tabulated for the H0 that its prior allows.
     is_tabulated = bool(nuisance_priors) or model.priors.group is not None
     limits = model.priors.limits("H0") if is_tabulated else HUBBLE_LIMITS
-    hubble, log_prior, axes = (np.geomspace(max(limits[0], HUBBLE_LIMITS[0]), limits[1], n_hubble), np.zeros(()), [])
+    hubble, log_prior, grids = (np.geomspace(max(limits[0], HUBBLE_LIMITS[0]), limits[1], n_hubble), np.zeros(()), [])
     for name, prior in nuisance_priors.items():
         lower, upper = model.priors.limits(name)
         # What is large goes with an H0 that is small.
-        axes.append(np.geomspace(max(lower, 1e-3 * upper), upper, n_nuisance))
-        log_prior = np.add.outer(log_prior, prior.log(axes[-1]) + np.log(np.gradient(axes[-1])))
+        grids.append(np.geomspace(max(lower, 1e-3 * upper), upper, n_nuisance))
+        log_prior = np.add.outer(log_prior, prior.log(grids[-1]) + np.log(np.gradient(grids[-1])))
     log_likelihood = np.empty(n_hubble)
     for chunk in np.array_split(np.arange(n_hubble), max(1, n_hubble * log_prior.size // 20_000)):
-        points = np.stack([grid.ravel() for grid in np.meshgrid(hubble[chunk], *axes, indexing="ij")], axis=1)
+        points = np.stack([grid.ravel() for grid in np.meshgrid(hubble[chunk], *grids, indexing="ij")], axis=1)
         log_marginal = model.marginalise_velocity(points, with_priors=False)[0].reshape(len(chunk), -1)
         log_likelihood[chunk] = logsumexp(log_marginal + log_prior.ravel(), axis=1)
     fine_hubble = np.geomspace(hubble[0], hubble[-1], 4000)
     return fine_hubble, np.interp(np.log(fine_hubble), np.log(hubble), log_likelihood)
 
 
-def _list_priors_to_compare(prior: Any) -> dict[str, Any]:
-    """Priors beside the one that was given, as functions of H0 that return log-densities."""
+def _list_log_priors(prior: Any) -> dict[str, Any]:
+    """List priors beside the one that was given, as functions of H0 that return log-densities."""
     priors = {"as given": prior.log}
     if isinstance(prior, Normal):
         priors["twice as wide"] = Normal(prior.mean, 2 * prior.sigma, prior.low, prior.high).log
@@ -459,30 +459,30 @@ def _list_priors_to_compare(prior: Any) -> dict[str, Any]:
         priors["twice as wide"] = Flat(max(prior.low - width / 2, 0.0), prior.high + width / 2).log
     return priors | {
         "flat in H0": np.zeros_like,
-        "flat in v H0": lambda h: 3 * np.log(h),
-        "flat in log H0": lambda h: -np.log(h),
+        "flat in v H0": lambda hubble: 3 * np.log(hubble),
+        "flat in log H0": lambda hubble: -np.log(hubble),
     }
 
 
-def _compute_hubble_by_prior(model):
-    """Quantiles of H0 under several priors, by their names."""
-    likelihood = _compute_hubble_likelihood(model)
+def _compute_hubble_quantiles(model):
+    """Compute quantiles of H0 under several priors, by their names."""
+    likelihood = _compute_hubble_log_likelihood(model)
     if likelihood is None or not np.isfinite(likelihood[1]).any():
         return {}
     hubble, log_likelihood = likelihood
-    step, quantiles = np.gradient(hubble), {}
-    for name, log_prior in _list_priors_to_compare(model.priors.hubble).items():
+    widths, quantiles = np.gradient(hubble), {}
+    for name, log_prior in _list_log_priors(model.priors.hubble).items():
         log_p = log_likelihood + log_prior(hubble)
-        weight = np.where(np.isfinite(log_p), np.exp(log_p - np.nanmax(log_p[np.isfinite(log_p)])), 0.0) * step
+        weight = np.where(np.isfinite(log_p), np.exp(log_p - np.nanmax(log_p[np.isfinite(log_p)])), 0.0) * widths
         cumulative = np.cumsum(weight) / weight.sum()
         end_weight = weight[:40].sum() + weight[-40:].sum()  # within a factor of 1.07 of a limit
-        values = np.interp(_QUANTILE_LEVELS, cumulative, hubble).tolist()
-        quantiles[name] = HubbleQuantiles._make([*values, bool(end_weight > 0.02 * weight.sum())])
+        hubble_values = np.interp(_QUANTILE_LEVELS, cumulative, hubble).tolist()
+        quantiles[name] = HubbleQuantiles._make([*hubble_values, bool(end_weight > 0.02 * weight.sum())])
     return quantiles
 
 
-def _make_prior_section(quantiles: dict[str, HubbleQuantiles]) -> Section:
-    """H0 under several priors, as a section."""
+def _make_hubble_prior_section(quantiles: dict[str, HubbleQuantiles]) -> Section:
+    """Make the section of H0 under several priors."""
     rows = []
     for name, hubble_quantiles in quantiles.items():
         median, low68, high68, below, above = map(format_three_digits, hubble_quantiles[:5])

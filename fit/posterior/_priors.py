@@ -133,13 +133,13 @@ def make_priors(
     options: dict[str, Any],
 ) -> Priors:
     """The Priors that `sample` and `grid` were given one by one."""
-    attributes = {"velocity": velocity_prior, "hubble": hubble_prior} | options
+    given_priors = {"velocity": velocity_prior, "hubble": hubble_prior} | options
     assumed = ASSUMED - {"peculiar_dispersion"}  # which may have a prior
-    attributes = {name: value for name, value in attributes.items() if value is not None and name not in assumed}
-    invalid_names = set(attributes) - set(Priors.__dataclass_fields__)
+    given_priors = {name: value for name, value in given_priors.items() if value is not None and name not in assumed}
+    invalid_names = set(given_priors) - set(Priors.__dataclass_fields__)
     if invalid_names:
         raise ParameterError(f"no prior is called {', '.join(sorted(invalid_names))}; there are those of Priors")
-    return Priors(**attributes)
+    return Priors(**given_priors)
 
 
 #: What may be fixed or free besides the velocity and H0.
@@ -162,11 +162,11 @@ class ModelPriors:
     @property
     def free(self) -> dict[str, Prior]:
         """Names and priors of the free numbers besides the velocity; H0 comes first."""
-        return {name: prior for name, prior in self._collect_by_name().items() if not isinstance(prior, float)}
+        return {name: prior for name, prior in self._collect_priors_by_name().items() if not isinstance(prior, float)}
 
     def limits(self, name: str) -> tuple[float, float]:
         """The smallest and largest value of one of them that is ever asked for."""
-        prior = self._collect_by_name()[name]
+        prior = self._collect_priors_by_name()[name]
         if isinstance(prior, float):
             return prior, prior
         lower, upper = prior.low, prior.high
@@ -180,13 +180,13 @@ class ModelPriors:
 
     def log(self, values: FloatArray) -> FloatArray:
         """Summed log-density of the free numbers, (n,), from their columns (n, k)."""
-        total = np.zeros(len(values))
+        log_density = np.zeros(len(values))
         for column, (name, prior) in zip(values.T, self.free.items(), strict=True):
             lower, upper = self.limits(name)
-            total += np.where((column >= lower) & (column <= upper), prior.log(column), -np.inf)
-        return total
+            log_density += np.where((column >= lower) & (column <= upper), prior.log(column), -np.inf)
+        return log_density
 
-    def _collect_by_name(self):
+    def _collect_priors_by_name(self):
         return {"H0": self.hubble} | {name: getattr(self, name) for name in _NUISANCE_NAMES}
 
     @property
@@ -198,7 +198,7 @@ class ModelPriors:
         lower, upper = self.limits("peculiar_dispersion")
         return prior.mean if isinstance(prior, Normal) else (lower + upper) / 2
 
-    def describe(self) -> dict[str, str]:
+    def describe_exactly(self) -> dict[str, str]:
         """Describe them to the last digit, for the fingerprint of a chain."""
         return (
             {"velocity": self.velocity.name}
@@ -206,7 +206,7 @@ class ModelPriors:
             | ({} if self.group is None else {"local group": f"{self.group.velocity} {self.group.covariance}"})
         )
 
-    def in_words(self) -> dict[str, str]:
+    def describe_in_words(self) -> dict[str, str]:
         """Describe them for reports."""
         return {"velocity": self.velocity.words or self.velocity.name, "flows": self.flows} | {
             name: _describe_prior(getattr(self, name)) for name in ("hubble", *_NUISANCE_NAMES)
@@ -222,7 +222,7 @@ def _describe_prior(prior):
     return f"{prior:g}" if isinstance(prior, float) else repr(prior)
 
 
-def check_priors(priors: Priors, frame: str, model: DistanceModel | None = None) -> ModelPriors:
+def check_priors(priors: Priors, frame: str, distance_model: DistanceModel | None = None) -> ModelPriors:
     """Priors as users give them, checked: ModelPriors."""
     velocity = make_velocity_prior(priors.velocity, frame)
     hubble = make_prior(priors.hubble, "H0", _HUBBLE_PRIORS)
@@ -239,22 +239,22 @@ def check_priors(priors: Priors, frame: str, model: DistanceModel | None = None)
         )
     dispersion = priors.peculiar_dispersion
     if dispersion is None or isinstance(dispersion, (int, float, np.number)):
-        fixed_dispersion = None if dispersion is None else _check_number_or_prior(dispersion, "peculiar_dispersion")
-        dispersion = replace(model or DistanceModel(), peculiar_dispersion=fixed_dispersion).dispersion
+        fixed_dispersion = None if dispersion is None else _check_fixed_or_prior(dispersion, "peculiar_dispersion")
+        dispersion = replace(distance_model or DistanceModel(), peculiar_dispersion=fixed_dispersion).dispersion
     amplitude = priors.flow_amplitude
     return ModelPriors(
         velocity,
         hubble,
-        _check_number_or_prior(dispersion, "peculiar_dispersion"),
-        _check_number_or_prior(priors.excess_noise, "excess_noise"),
+        _check_fixed_or_prior(dispersion, "peculiar_dispersion"),
+        _check_fixed_or_prior(priors.excess_noise, "excess_noise"),
         1.0 if amplitude is None else make_prior(amplitude, "flow_amplitude"),
         None if priors.acceleration is None else priors.acceleration.to_frame(frame),
     )
 
 
-def _check_number_or_prior(value, name):
+def _check_fixed_or_prior(value, quantity):
     if isinstance(value, (int, float, np.number)):
         if not 0 <= value < np.inf:
-            raise ParameterError(f"{name} cannot be {value}: zero or more, or a prior, is expected")
+            raise ParameterError(f"{quantity} cannot be {value}: zero or more, or a prior, is expected")
         return float(value)
-    return make_prior(value, name)
+    return make_prior(value, quantity)

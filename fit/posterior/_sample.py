@@ -13,7 +13,7 @@ from fit.distances import declared_frame
 from fit.posterior._model import make_parallax_model
 from fit.posterior._posterior import Cells, Posterior, check_grid_possible, make_cells_if_possible
 from fit.posterior._priors import ModelPriors, Priors, check_priors, make_priors
-from fit.posterior._sampling import Prior, Run, check_writable, identify_function, make_fingerprint
+from fit.posterior._sampling import Prior, Run, check_checkpoint_writable, identify_function, make_fingerprint
 from fit.results.storage import Result
 from fit.secular_parallax import (
     ASSUMED,
@@ -40,7 +40,7 @@ from vsh.tools.types import AxesArray, Cosmology, FloatArray, OnAxes, PathName, 
 from vsh.vector import Vector
 
 
-def _select_assumed(options):
+def _select_distance_options(options):
     """Select what is assumed of distances; a dispersion may have a prior, and is not of it."""
     return {name: value for name, value in options.items() if name in ASSUMED and name != "peculiar_dispersion"}
 
@@ -49,27 +49,27 @@ def make_equations_and_priors(
     field: Field | Parts, priors: Priors, cosmology: Cosmology | None, options: Mapping[str, Any]
 ) -> tuple[ParallaxEquations | ParallaxParts, ModelPriors]:
     """The equations of a catalogue, and the priors along its axes."""
-    model = DistanceModel(cosmology=cosmology, **_select_assumed(options))
+    distance_model = DistanceModel(cosmology=cosmology, **_select_distance_options(options))
     first_field = field if isinstance(field, Field) else next(iter(field))
-    model_priors = check_priors(priors, first_field.frame, model)
-    rows = replace(model, peculiar_dispersion=model_priors.typical_dispersion).equations(field)
-    if rows.n_own:
+    model_priors = check_priors(priors, first_field.frame, distance_model)
+    system = replace(distance_model, peculiar_dispersion=model_priors.typical_dispersion).equations(field)
+    if system.n_own:
         raise ParameterError(
-            f"{rows.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior "
+            f"{system.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior "
             "takes redshifts alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
         )
-    rows = warn_of_undeclared_frame(rows, field, model.redshift_frame)
-    if rows.left_out is not None:
-        rows = replace(rows, notes=(_format_omitted_flow_note(rows, model_priors), *rows.notes))
-    group = local_group_of(priors.local_group, rows)
+    system = warn_of_undeclared_frame(system, field, distance_model.redshift_frame)
+    if system.left_out is not None:
+        system = replace(system, notes=(_format_omitted_flow_note(system, model_priors), *system.notes))
+    group = local_group_of(priors.local_group, system)
     if group is not None and "flow_amplitude" in model_priors.free:
         raise ParameterError("the Local Group tells a flow of known amplitude: leave out local_group or flow_amplitude")
-    if rows.modes is not None:
-        flows = f"{len(rows.modes)} modes of {rows.modes.theory.name}" + (", and the Local Group" if group else "")
+    if system.modes is not None:
+        flows = f"{len(system.modes)} modes of {system.modes.theory.name}" + (", and the Local Group" if group else "")
         model_priors = replace(model_priors, flows=flows, group=group)
-    frame = model.redshift_frame or declared_frame(first_field)
-    rows = replace(rows, notes=(*rows.notes, *notes_on_group(rows, priors.local_group, frame)))
-    return rows, model_priors
+    frame = distance_model.redshift_frame or declared_frame(first_field)
+    system = replace(system, notes=(*system.notes, *notes_on_group(system, priors.local_group, frame)))
+    return system, model_priors
 
 
 def _format_omitted_flow_note(equations, model_priors):
@@ -168,30 +168,30 @@ def sample(
     n_walkers = n_walkers or 128
     if n_walkers < 2 * len(model.names):
         raise ParameterError(f"{n_walkers} walkers are too few for {len(model.names)} coordinates: take twice as many")
-    steps = -(-int(n_samples) // n_walkers)
-    if steps < 2:
+    n_steps = -(-int(n_samples) // n_walkers)
+    if n_steps < 2:
         raise ParameterError(f"{n_samples} samples are too few: ask for at least {2 * n_walkers}")
-    seed, begun = int(generator(rng).integers(2**32)), perf_counter()
-    about: Any = {"model": model, "frame": equations.frame, "notes": equations.notes, "seed": seed, "method": method}
+    seed, begin_time = int(generator(rng).integers(2**32)), perf_counter()
+    facts: Any = {"model": model, "frame": equations.frame, "notes": equations.notes, "seed": seed, "method": method}
     if method == "grid":
-        theta, log_density = Cells.of(model).draw_independent(np.random.default_rng(seed), steps * n_walkers)
-        chain, log_probability = theta.reshape(steps, n_walkers, -1), log_density.reshape(steps, n_walkers)
-        return log_result(_LOG, "chain", Posterior(chain=chain, log_probability=log_probability, **about), begun)
+        theta, log_density = Cells.of(model).draw_independent(np.random.default_rng(seed), n_steps * n_walkers)
+        chain, log_probability = theta.reshape(n_steps, n_walkers, -1), log_density.reshape(n_steps, n_walkers)
+        return log_result(_LOG, "chain", Posterior(chain=chain, log_probability=log_probability, **facts), begin_time)
     cells, start_rng = make_cells_if_possible(model), np.random.default_rng(seed)
-    start = model.start(start_rng, n_walkers) if cells is None else cells.draw_independent(start_rng, n_walkers)[0]
-    max_steps = 16 * steps if max_samples is None else int(max_samples) // n_walkers
-    run = Run(model, start, seed, steps, progress, save_every, max_steps, None if cells is None else cells.propose)
+    start = model.draw_start(start_rng, n_walkers) if cells is None else cells.draw_independent(start_rng, n_walkers)[0]
+    max_steps = 16 * n_steps if max_samples is None else int(max_samples) // n_walkers
+    run = Run(model, start, seed, n_steps, progress, save_every, max_steps, None if cells is None else cells.propose)
     if checkpoint is not None:
-        check_writable(checkpoint)
+        check_checkpoint_writable(checkpoint)
         spin_description = f"{spin.value} {spin.sigma}" if isinstance(spin, Vector) else str(spin)
         identity = make_fingerprint(
             _list_identifying_arrays(field, equations),
             f"{equations.n_data // 2} sources, {equations.frame}",
-            model_priors.describe()
+            model_priors.describe_exactly()
             | {
                 "cosmology": repr(cosmology),
                 "spin": spin_description,
-                "distances": _describe_distances(_select_assumed(options)),
+                "distances": _describe_distance_options(_select_distance_options(options)),
                 "walkers": str(n_walkers),
                 "seed": str(seed),
             },
@@ -200,8 +200,8 @@ def sample(
         if checkpoint is not None:
             run.resume_from(checkpoint, identity)
         chain, log_probability = run.run()
-    about["cells"] = cells
-    return log_result(_LOG, "chain", Posterior(chain=chain, log_probability=log_probability, **about), begun)
+    facts["cells"] = cells
+    return log_result(_LOG, "chain", Posterior(chain=chain, log_probability=log_probability, **facts), begin_time)
 
 
 def _list_identifying_arrays(field, equations):
@@ -213,12 +213,12 @@ def _list_identifying_arrays(field, equations):
     return [sums.matrix, sums.rhs, sums.chi2_null, sums.logdet]
 
 
-def _describe_distances(distances):
+def _describe_distance_options(options):
     """Describe how distances follow from redshifts, the same text in every run."""
     return str(
         {
             name: identify_function(value) if callable(value) and not isinstance(value, type) else repr(value)
-            for name, value in sorted(distances.items())
+            for name, value in sorted(options.items())
         }
     )
 
@@ -271,13 +271,13 @@ class GridPosterior(Result):
 
     def mean(self, name: str) -> float:
         """Posterior mean of the quantity `name`."""
-        x, p = self.marginal(name)
-        return float(x @ p)
+        values, probabilities = self.marginal(name)
+        return float(values @ probabilities)
 
     def sigma(self, name: str) -> float:
         """Posterior standard deviation of the quantity `name`."""
-        x, p = self.marginal(name)
-        return float(np.sqrt((x - x @ p) ** 2 @ p))
+        values, probabilities = self.marginal(name)
+        return float(np.sqrt((values - values @ probabilities) ** 2 @ probabilities))
 
 
 @arguments.accepts(field=arguments.a(Field, Parts), n_points=arguments.whole)
@@ -321,9 +321,9 @@ def grid(
 
 def summarise_cells(cells: Cells) -> GridPosterior:
     """Summarise the cells."""
-    weight, mean = cells.probability.ravel(), cells.mean
-    centre = weight @ mean
-    offset = mean - centre
+    weight, cell_means = cells.probability.ravel(), cells.mean
+    mean_velocity = weight @ cell_means
+    offset = cell_means - mean_velocity
     covariance = np.einsum("n,nij->ij", weight, cells.covariance) + np.einsum("n,ni,nj->ij", weight, offset, offset)
-    velocity = Vector(centre, covariance, cells.model.likelihood.frame, "km/s")
+    velocity = Vector(mean_velocity, covariance, cells.model.likelihood.frame, "km/s")
     return GridPosterior(tuple(cells.model.priors.free), cells.axes, cells.probability, velocity)

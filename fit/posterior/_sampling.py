@@ -42,7 +42,7 @@ class Prior(Protocol):
         ...
 
 
-def _check_number(name, value):
+def _check_prior_number(name, value):
     """A number, which may be infinite; whole ones stay whole."""
     if isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and value == value:
         return value
@@ -58,7 +58,7 @@ class Flat(InNotebook):
 
     def __post_init__(self) -> None:
         for name in ("low", "high"):
-            object.__setattr__(self, name, _check_number(name, getattr(self, name)))
+            object.__setattr__(self, name, _check_prior_number(name, getattr(self, name)))
         if not self.low < self.high:
             raise ParameterError(f"a flat prior needs limits that rise, not {self.low} and {self.high}")
 
@@ -86,7 +86,7 @@ class Normal(InNotebook):
 
     def __post_init__(self) -> None:
         for name in ("mean", "sigma", "low", "high"):
-            object.__setattr__(self, name, _check_number(name, getattr(self, name)))
+            object.__setattr__(self, name, _check_prior_number(name, getattr(self, name)))
         if not (self.sigma > 0 and np.isfinite(self.sigma) and np.isfinite(self.mean)):
             raise ParameterError(f"a Gaussian prior needs a finite mean and σ > 0, not {self.mean} ± {self.sigma}")
 
@@ -153,9 +153,9 @@ def identify_function(function: Callable[..., Any]) -> str:
 _RANDOM_STATE_FIELDS = ("key", "position", "has_gauss", "gauss")
 
 
-def make_fingerprint(arrays: Iterable[ArrayLike], about: str, model: dict[str, str]) -> dict[str, str]:
+def make_fingerprint(arrays: Iterable[ArrayLike], data_label: str, model_words: dict[str, str]) -> dict[str, str]:
     """Fingerprint of a chain: a hash of the data, and the model in words."""
-    return {"data": f"{about}, {digest_values(map(np.asarray, arrays))[:16]}"} | model
+    return {"data": f"{data_label}, {digest_values(map(np.asarray, arrays))[:16]}"} | model_words
 
 
 def save_chain(
@@ -193,7 +193,7 @@ def load_chain(path: PathName, fingerprint: dict[str, str]) -> tuple[FloatArray,
     return chain, log_probability, state
 
 
-def check_writable(path: PathName) -> None:
+def check_checkpoint_writable(path: PathName) -> None:
     """Raise CheckpointError before the work, not after it."""
     folder = Path(path).absolute().parent
     if not folder.is_dir():
@@ -212,7 +212,7 @@ def autocorrelate_chains(chain: FloatArray) -> FloatArray:
         return np.maximum(emcee.autocorr.integrated_time(chain, tol=0, quiet=True), 1.0)
 
 
-def split_r_hat(chain: FloatArray) -> FloatArray:
+def compute_split_r_hat(chain: FloatArray) -> FloatArray:
     """Split R̂ of each coordinate of a chain (steps, walkers, d), (d,): what the halves of all walkers differ by.
 
     Notes
@@ -284,40 +284,40 @@ class Run:
         chain, log_probability, random_state = checkpoint
         if chain.shape[1:] != self.chain.shape[1:] or log_probability.shape != chain.shape[:2] or not len(chain):
             raise CheckpointError(f"{path} holds a chain of shape {chain.shape}: name another file, or delete it")
-        self._make_room(len(chain))
+        self._make_room_for(len(chain))
         self.n_done = len(chain)
         self.chain[: self.n_done], self.log_probability[: self.n_done] = chain, log_probability
         self.state = emcee.State(chain[-1], log_prob=log_probability[-1], random_state=random_state)
 
     def run(self) -> tuple[FloatArray, FloatArray]:
         """Go to the last step; returns the chain and its log-probabilities."""
-        target = self.steps
+        n_steps = self.steps
         while True:
-            self._make_room(target)
-            if target > self.n_done:
-                self._sample_until(target)
-            if target >= self.max_steps:
+            self._make_room_for(n_steps)
+            if n_steps > self.n_done:
+                self._sample_until_step(n_steps)
+            if n_steps >= self.max_steps:
                 break
-            slowest = float(np.max(autocorrelate_chains(self.chain[:target])))
-            if target >= ENOUGH * slowest:
+            longest_time = float(np.max(autocorrelate_chains(self.chain[:n_steps])))
+            if n_steps >= ENOUGH * longest_time:
                 break
-            aimed_steps = _AIMED_TIMES * slowest if np.isfinite(slowest) else 4 * target
-            target = int(min(self.max_steps, max(1.5 * target, aimed_steps)))
-        return self.chain[:target], self.log_probability[:target]
+            aimed_steps = _AIMED_TIMES * longest_time if np.isfinite(longest_time) else 4 * n_steps
+            n_steps = int(min(self.max_steps, max(1.5 * n_steps, aimed_steps)))
+        return self.chain[:n_steps], self.log_probability[:n_steps]
 
-    def _make_room(self, steps):
+    def _make_room_for(self, steps):
         extra_steps = steps - len(self.chain)
         if extra_steps > 0:
             self.chain = np.concatenate([self.chain, np.empty((extra_steps, *self.chain.shape[1:]))])
             self.log_probability = np.concatenate([self.log_probability, np.empty((extra_steps, self.chain.shape[1]))])
 
-    def _sample_until(self, target):
+    def _sample_until_step(self, last_step):
         """Run to a step, saving on the way."""
         last_save_time, save_duration = time.monotonic(), 0.0
-        bar = progress_bar(None, target, "chain", self.progress, " steps", initial=self.n_done)
+        bar = progress_bar(None, last_step, "chain", self.progress, " steps", initial=self.n_done)
         with bar:
             for state in self.sampler.sample(
-                self.state, iterations=target - self.n_done, store=False, skip_initial_state_check=True
+                self.state, iterations=last_step - self.n_done, store=False, skip_initial_state_check=True
             ):
                 self.chain[self.n_done], self.log_probability[self.n_done] = state.coords, state.log_prob
                 self.n_done += 1
@@ -326,13 +326,13 @@ class Run:
                 # Long chains take long to write: never more than a twentieth of the time.
                 if self.path and time.monotonic() - last_save_time > max(self.save_every, 20 * save_duration):
                     save_start = time.monotonic()
-                    self._save()
+                    self._save_checkpoint()
                     last_save_time = time.monotonic()
                     save_duration = last_save_time - save_start
             if self.path:
-                self._save()
+                self._save_checkpoint()
 
-    def _save(self):
+    def _save_checkpoint(self):
         rows = slice(0, self.n_done)
         state = self.sampler.random_state
         assert self.path is not None

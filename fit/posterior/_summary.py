@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fit.posterior._priors import FITS_UNITS, HUBBLE_LIMITS, SHORT_NAMES, UNITS
-from fit.posterior._sampling import autocorrelate_chains, make_inference_data, split_r_hat
+from fit.posterior._sampling import autocorrelate_chains, compute_split_r_hat, make_inference_data
 from fit.results.storage import Result, checked_count, checked_strings
 from vsh.io import tables
 from vsh.io.sections import Section
@@ -79,7 +79,7 @@ class SampleResult(Result):
 
     def _compute_r_hats(self):
         """Split R̂ of each quantity, by name."""
-        return {name: float(split_r_hat(self._unravel(name))[0]) for name in self.samples}
+        return {name: float(compute_split_r_hat(self._unravel(name))[0]) for name in self.samples}
 
     def _unravel(self, name):
         return np.asarray(self.samples[name]).reshape(-1, self.n_walkers)[:, :, None]
@@ -100,7 +100,7 @@ class SampleResult(Result):
         is_at_end = np.mean(samples > _NEAR_END * HUBBLE_LIMITS[1]) > _AT_END and samples.max() <= HUBBLE_LIMITS[1]
         if is_at_end and not np.isfinite(self._largest_hubble):
             return lower, float("inf")
-        return None if np.std(samples) < _WIDE * median else (lower, upper)
+        return None if np.std(samples) < _WIDE_SHARE * median else (lower, upper)
 
     @property
     def _largest_hubble(self):
@@ -122,12 +122,12 @@ class SampleResult(Result):
     @property
     def velocity(self) -> Vector:
         """Mean and covariance of the velocity, a Vector in km/s, toward the apex."""
-        return self._make_vector("v", "km/s")
+        return self._average_vector("v", "km/s")
 
     @property
     def acceleration(self) -> Vector:
         """Mean and covariance of the acceleration, a Vector in µas/yr."""
-        return self._make_vector("a", "µas/yr")
+        return self._average_vector("a", "µas/yr")
 
     def to_table(self) -> Table:
         """The summary as an astropy Table, a row a quantity."""
@@ -144,7 +144,7 @@ class SampleResult(Result):
 
         return plot_corner(self, names, truths=truths, ax=ax)
 
-    def _make_vector(self, name, unit):
+    def _average_vector(self, name, unit):
         components = np.stack([self.samples[f"{name}_{axis}"] for axis in "xyz"])
         return Vector(components.mean(1), np.cov(components), self.frame, unit)
 
@@ -217,30 +217,30 @@ class Samples(SampleResult):
         )
 
 
-def _read_walker_count(samples, header):
+def _read_walker_count(samples, metadata):
     """The number of walkers of a file; one where an older file does not say it."""
-    walkers = checked_count(header.get("walkers", 1))
+    walkers = checked_count(metadata.get("walkers", 1))
     if not walkers or any(values.size % walkers for values in samples.values()):
         raise ParameterError(f"{walkers} walkers do not go with the number of samples")
     return walkers
 
 
-def make_sections(posterior: Any, long: bool = True) -> tuple[Section, ...]:
-    """A posterior as sections."""
-    facts = list_prior_facts(posterior.model.priors.in_words()) + _describe_origin(posterior) if long else []
-    remarks = [*_find_limit_warnings(posterior), *_make_product_remarks(posterior)]
-    section = make_summary(posterior, facts, _find_names_fixed_by_prior(posterior.model.priors))
+def make_posterior_sections(posterior: Any, long: bool = True) -> tuple[Section, ...]:
+    """Make the sections of a posterior."""
+    facts = list_prior_facts(posterior.model.priors.describe_in_words()) + _list_origin_facts(posterior) if long else []
+    remarks = [*_list_limit_warnings(posterior), *_make_hubble_limit_remarks(posterior)]
+    section = make_summary(posterior, facts, _find_fixed_velocity_names(posterior.model.priors))
     return (replace(section, remarks=remarks, notes=posterior.notes),)
 
 
-def _describe_origin(posterior):
-    """Facts on the origin of the samples."""
+def _list_origin_facts(posterior):
+    """List facts on the origin of the samples."""
     steps, walkers, _ = posterior.chain.shape
-    count = len(posterior.samples["H0"])
+    n_kept = len(posterior.samples["H0"])
     if posterior.method == "grid":
-        return [("samples", f"{count}, independent draws from a grid")]
+        return [("samples", f"{n_kept}, independent draws from a grid")]
     lengths = f"{steps / max(posterior.autocorrelation.values()):.0f} autocorrelation times"
-    facts = [("chain", f"{steps} steps of {walkers} walkers = {lengths}; {count} samples after burn-in and thinning")]
+    facts = [("chain", f"{steps} steps of {walkers} walkers = {lengths}; {n_kept} samples after burn-in and thinning")]
     if posterior.cells is None:
         return facts
     mean, sigma = posterior.cells.hubble
@@ -270,8 +270,8 @@ def list_prior_facts(priors: Mapping[str, str]) -> list[tuple[str, str]]:
 _SHARP = 30.0
 
 
-def _find_names_fixed_by_prior(priors):
-    """Names of the velocity where its prior is sharp: the posterior gives it back."""
+def _find_fixed_velocity_names(priors):
+    """Find the names of the velocity where its prior is sharp: the posterior gives it back."""
     prior = priors.velocity
     is_sharp = prior.gaussian and np.all(np.linalg.eigvalsh(prior.precision) * (prior.mean @ prior.mean) > _SHARP**2)
     return ["v_x", "v_y", "v_z", "speed"] if is_sharp else []
@@ -279,8 +279,8 @@ def _find_names_fixed_by_prior(priors):
 
 def make_summary(result: SampleResult, facts: Sequence[tuple[str, str]] = (), fixed: Sequence[str] = ()) -> Section:
     """Medians and intervals of a SampleResult; those that were given are marked as priors."""
-    sizes, r_hat = result._compute_effective_sizes(), result._compute_r_hats()
-    quality = f"{min(sizes.values()):.0f} independent samples at least, R̂ {max(r_hat.values()):.3f} at most"
+    effective_sizes, r_hat = result._compute_effective_sizes(), result._compute_r_hats()
+    quality = f"{min(effective_sizes.values()):.0f} independent samples at least, R̂ {max(r_hat.values()):.3f} at most"
     rows = []
     for name, (median, low68, high68, low95, high95) in result.print_summary().items():
         quantity = SHORT_NAMES.get(name, name) + (" (prior)" if name in fixed else "")
@@ -300,24 +300,24 @@ def _format_interval(interval, effective_size):
 #: Samples that reach so far towards the end of an infinite prior, and their share, say that H0 has no upper limit.
 _NEAR_END, _AT_END = 0.9, 0.01
 #: H0 is given by limits where its standard deviation is more than this share of its median.
-_WIDE = 1 / 3
+_WIDE_SHARE = 1 / 3
 
 
-def _make_product_remarks(posterior):
+def _make_hubble_limit_remarks(posterior):
     """v · H0, and one-sided limits of H0, where its error is too large for a ±."""
     if posterior.hubble_limits is None:
         return []
     lower, upper = posterior.hubble_limits
     product = posterior.product
-    below = f"below {format_three_digits(upper)} with 95 %" if np.isfinite(upper) else "not limited from above"
+    upper_words = f"below {format_three_digits(upper)} with 95 %" if np.isfinite(upper) else "not limited from above"
     return [
         f"v · H0: median {product[0]:.0f}, 68 % {product[1]:.0f} … {product[2]:.0f} (km/s)²/Mpc",
-        f"H0 is {below}, above {format_three_digits(lower)} with 95 % (one-sided) km/s/Mpc",
+        f"H0 is {upper_words}, above {format_three_digits(lower)} with 95 % (one-sided) km/s/Mpc",
     ]
 
 
-def _find_limit_warnings(posterior, margin=0.02, share=1e-3):
-    """Warnings where samples lean against a limit that neither data nor priors give."""
+def _list_limit_warnings(posterior, margin=0.02, share=1e-3):
+    """List warnings where samples lean against a limit that neither data nor priors give."""
     prior, samples = posterior.model.priors.hubble, posterior.samples["H0"]
     lower, upper = posterior.model.priors.limits("H0")
     warnings = []

@@ -104,9 +104,9 @@ def binned(
             f"the edges of redshift bins rise from one to the next: two at least, not {edges.tolist()}"
         )
     if not (np.diff(edges) > 0).all():
-        step = int(np.argmin(np.diff(edges) > 0))
+        fall = int(np.argmin(np.diff(edges) > 0))
         raise ParameterError(
-            f"the edges of redshift bins rise from one to the next, not {edges[step]} to {edges[step + 1]}"
+            f"the edges of redshift bins rise from one to the next, not {edges[fall]} to {edges[fall + 1]}"
         )
     n_bins = len(edges) - 1
     bin_sums: dict[Any, Any]
@@ -114,8 +114,8 @@ def binned(
     is_scaled = True
     remarks: tuple[str, ...] = ()
     if method is None:
-        nearby = DistanceModel().flow if theory is None else theory
-        is_far = isinstance(field, Field | Parts) and not _has_relevant_flows(field, edges, nearby)
+        assumed_theory = DistanceModel().flow if theory is None else theory
+        is_far = isinstance(field, Field | Parts) and not _has_relevant_flows(field, edges, assumed_theory)
         method = "recommended" if is_far else "least-squares"
     elif method != "least-squares":
         if not isinstance(field, Field | Parts):
@@ -132,11 +132,11 @@ def binned(
         radial_dispersion = peculiar_dispersion if flow is None else float(np.hypot(flow.dispersion, flow.theory.sigma))
         calibration = calibrate_if_known(field, redshift_frame, radial_dispersion)
     sum_normals = partial(normal_equations, threads=threads)
-    work = partial(_sum_by_bin, edges=edges, modes=modes, calibration=calibration, flow=flow, sum_normals=sum_normals)
+    sum_up = partial(_sum_by_bin, edges=edges, modes=modes, calibration=calibration, flow=flow, sum_normals=sum_normals)
     if isinstance(field, Parts):
-        bin_sums = field.sum(work, roles=("redshift",), words="bins of redshift")
+        bin_sums = field.sum(sum_up, roles=("redshift",), words="bins of redshift")
     else:
-        bin_sums = reduce(add_sums, map(work, [field] if isinstance(field, Field) else field), {})
+        bin_sums = reduce(add_sums, map(sum_up, [field] if isinstance(field, Field) else field), {})
     for i in range(n_bins):
         if i not in bin_sums:
             raise DegeneracyError(f"bin {i + 1} of {n_bins}, {_label_bins(edges)[i]}, is empty: choose other edges")
@@ -194,33 +194,33 @@ def _compute_weighted_normals(field, modes, edges, counts, method, value, rng):
         raise DegeneracyError(
             f"a bin has {min(counts)} sources, and its errors need {_FEWEST_SOURCES}: take fewer bins, or least-squares"
         )
-    is_own = min(counts) >= _FEWEST_FOR_OWN_WEIGHTS
+    has_own = min(counts) >= _FEWEST_FOR_OWN_WEIGHTS
     lmax = None if method == "recommended" else modes
-    bin_fields = [apply_step(field, partial(_select_bin, low=low, high=high)) for low, high in pairwise(edges)]
+    bin_fields = [apply_step(field, partial(_select_redshift_bin, low=low, high=high)) for low, high in pairwise(edges)]
     try:
-        fits = [estimate(sources, lmax, method, value, rng=rng) for sources in (bin_fields if is_own else [field])]
+        fits = [estimate(sources, lmax, method, value, rng=rng) for sources in (bin_fields if has_own else [field])]
     except DegeneracyError as error:
         raise DegeneracyError(f"{error}; or take fewer bins") from None
-    if any(fitted.weights is None for fitted in fits):
+    if any(fit.weights is None for fit in fits):
         if method == "recommended":
             raise DegeneracyError("a robust fit does not settle: take fewer bins, or the method excess-noise")
         raise ParameterError(
             f"bins are fitted by least-squares, clip, recommended, student or excess-noise, not {method}"
         )
-    normals = [fits[i if is_own else 0].equations(sources, modes) for i, sources in enumerate(bin_fields)]
-    remark = "each bin has the weights of its own fit" if is_own else "bins have the weights of the fit of all sources"
-    return normals, all(fitted.is_scaled for fitted in fits), (f"{remark} ({method})",)
+    normals = [fits[i if has_own else 0].equations(sources, modes) for i, sources in enumerate(bin_fields)]
+    remark = "each bin has the weights of its own fit" if has_own else "bins have the weights of the fit of all sources"
+    return normals, all(fit.is_scaled for fit in fits), (f"{remark} ({method})",)
 
 
-def _select_bin(field, low, high):
-    """The sources of a bin."""
+def _select_redshift_bin(field, low, high):
+    """Select the sources of a bin of redshift."""
     if field.redshift is None:
         return with_redshift(field, 0.0)  # which says what is missing
     return field[usable_mask(field.redshift, 0.0) & (field.redshift >= low) & (field.redshift < high)]
 
 
 def _sum_by_bin(field, edges, modes, calibration, flow, sum_normals):
-    """Some sources by bin: moments of the redshifts, normal equations, columns of the flow; and what was left out."""
+    """Sum sources by bin: moments of the redshifts, normal equations, columns of the flow; and what was left out."""
     try:
         usable = with_redshift(field, 0.0)
     except EmptyFieldError as error:  # other parts may have some
@@ -232,11 +232,11 @@ def _sum_by_bin(field, edges, modes, calibration, flow, sum_normals):
             continue
         bin_field = usable[mask]
         rate = motions_per_velocity(bin_field, calibration)
-        moments = _sum_moments(bin_field, rate)
+        moments = _sum_redshift_moments(bin_field, rate)
         columns: tuple[Any, ...] = ()
         if flow is not None:
-            bin_field, bin_columns = flow.prepare_bin(bin_field, rate, modes)
-            columns = (bin_columns,)
+            bin_field, flow_columns = flow.make_flow_field_and_columns(bin_field, rate, modes)
+            columns = (flow_columns,)
         sums[i] = (moments, sum_normals(bin_field, modes), *columns)
     return sums
 
@@ -245,10 +245,10 @@ def _sum_by_bin(field, edges, modes, calibration, flow, sum_normals):
 def equal_information_edges(field: Field | Parts, n_bins: int) -> FloatArray:
     """Edges of redshift bins that hold the same weight of motions, (n_bins + 1,)."""
     sky = as_parts(field)
-    sources, lowest, highest = sky.sum(_count_and_range, roles=("redshift",), words="redshifts")
-    if sources < n_bins:
-        raise DegeneracyError(f"{sources} sources do not fill {n_bins} bins")
-    inner = weighted_quantiles(
+    n_sources, lowest, highest = sky.sum(_count_and_find_range, roles=("redshift",), words="redshifts")
+    if n_sources < n_bins:
+        raise DegeneracyError(f"{n_sources} sources do not fill {n_bins} bins")
+    inner_edges = weighted_quantiles(
         sky,
         partial(_select_usable_column, column="redshift"),
         partial(_select_usable_column, column="information"),
@@ -256,7 +256,7 @@ def equal_information_edges(field: Field | Parts, n_bins: int) -> FloatArray:
         roles=("redshift",),
         words="bins of redshift",
     )
-    edges = np.r_[min(lowest), inner, np.nextafter(max(highest), np.inf)]
+    edges = np.r_[min(lowest), inner_edges, np.nextafter(max(highest), np.inf)]
     if not (np.diff(edges) > 0).all():
         raise DegeneracyError(
             f"{n_bins} bins cannot hold equal information: a few sources weigh more than a bin; take fewer n_bins"
@@ -265,25 +265,25 @@ def equal_information_edges(field: Field | Parts, n_bins: int) -> FloatArray:
 
 
 def _select_usable_column(field, column):
-    """A column of the sources with a redshift; nothing where there is none."""
-    return getattr(_select_bin(field, 0.0, np.inf), column)
+    """Select a column of the sources with a redshift; nothing where there is none."""
+    return getattr(_select_redshift_bin(field, 0.0, np.inf), column)
 
 
-def _count_and_range(field):
-    """Count the sources with a redshift, and list the least and the largest, one of each part."""
-    z = _select_usable_column(field, "redshift")
-    return len(z), [z.min()] if z.size else [], [z.max()] if z.size else []
+def _count_and_find_range(field):
+    """Count the sources with a redshift, and find the least and the largest, in lists that add over parts."""
+    redshifts = _select_usable_column(field, "redshift")
+    return len(redshifts), [redshifts.min()] if redshifts.size else [], [redshifts.max()] if redshifts.size else []
 
 
-def _sum_moments(field, rate):
-    """Sources, Σw, Σwz, and beyond the flow Σw/d and Σw."""
+def _sum_redshift_moments(field, rate):
+    """Sum moments: number of sources, Σw, Σwz, and beyond the flow Σw/d and Σw."""
     weight, z = field.information / 2, field.redshift
     return np.array([len(field), weight.sum(), weight @ z, AU_PER_YEAR * (weight @ rate), weight[rate > 0].sum()])
 
 
 def _solve_each_bin(normals, edges, flow_columns):
     """Solve each bin by itself: solutions, the covariance of their noise, which modes are free, what the flow adds."""
-    solutions = [_solve_bin(normal, b, edges) for b, normal in enumerate(normals)]
+    solutions = [_solve_bin(normal, bin_index, edges) for bin_index, normal in enumerate(normals)]
     covariance, flow_covariance = block_diag(*(solution.covariance for solution in solutions)), None
     if flow_columns is not None:
         flow_response = [s.covariance @ x for s, x in zip(solutions, flow_columns, strict=True)]
@@ -340,30 +340,30 @@ def _solve_jointly(normals, edges, flow_columns):
         flow_response = covariance @ np.concatenate([*(x[free_modes] for x in flow_columns), common_columns])
     solutions = []
     for b, normal in enumerate(normals):
-        places = np.empty(len(modes), int)
-        places[free_modes], places[common_modes] = np.arange(6 * b, 6 * b + 6), np.arange(6 * n_bins, size)
-        values = theta[places]
+        unknowns = np.empty(len(modes), int)
+        unknowns[free_modes], unknowns[common_modes] = np.arange(6 * b, 6 * b + 6), np.arange(6 * n_bins, size)
+        values = theta[unknowns]
         solution = Solution(
             coefficients=Coefficients(modes, values),
-            covariance=covariance[np.ix_(places, places)],
+            covariance=covariance[np.ix_(unknowns, unknowns)],
             chi2=_compute_chi2(normal, values),
             n_data=normal.n_data,
             frame=normal.frame,
             notes=normal.notes,
             errors_from="the catalogue, all bins together",
         )
-        solutions.append(solution if flow_response is None else _add_flow_errors(solution, flow_response[places]))
+        solutions.append(solution if flow_response is None else _add_flow_errors(solution, flow_response[unknowns]))
     of_bins = None if flow_response is None else flow_response[: 6 * n_bins]
     noise, flow_covariance = (covariance[: 6 * n_bins, : 6 * n_bins], None if of_bins is None else of_bins @ of_bins.T)
     return solutions, noise, free_modes, flow_covariance
 
 
-def _solve_bin(normal, b, edges):
+def _solve_bin(normal, number, edges):
     """Solve the equations of a bin; an error names it."""
     try:
         return solve(normal)
     except DegeneracyError as error:
-        raise DegeneracyError(f"bin {b + 1}, {_label_bins(edges)[b]}: {error}; or take fewer bins") from None
+        raise DegeneracyError(f"bin {number + 1}, {_label_bins(edges)[number]}: {error}; or take fewer bins") from None
 
 
 def _label_bins(edges):
@@ -440,60 +440,60 @@ def permutation_test(
     motions = [field.motion]
     if velocity is not None:
         motions.append(field.motion - _compute_secular_parallax(field, velocity, calibration))
-    rows = np.concatenate([harmonics(field.lon, field.lat, Modes(1)), np.stack(motions)])
+    basis_and_motions = np.concatenate([harmonics(field.lon, field.lat, Modes(1)), np.stack(motions)])
     # N, the right-hand sides, and χ² of nothing, of each source.
-    products = np.einsum("ikn,jkn->nij", rows, multiply_weights(field.weights, rows))
-    size = products.shape[1]
+    products = np.einsum("ikn,jkn->nij", basis_and_motions, multiply_weights(field.weights, basis_and_motions))
+    n_rows = products.shape[1]
     products = products.reshape(len(field), -1)
     # By the errors as they are quoted: bins that were fitted robustly have a scale of one, whatever their χ².
-    sums, sources = _sum_bins(products, bin_index, len(binned), size)
-    products /= _compute_chi2_per_dof(sums, sources, 6)[bin_index, None]
-    counts: dict[str, int] = {}
+    sums, source_counts = _sum_products_by_bin(products, bin_index, len(binned), n_rows)
+    products /= _compute_chi2_per_dof(sums, source_counts, 6)[bin_index, None]
+    exceedances: dict[str, int] = {}
     observed: dict[str, float] = {}
     for _ in range(n_permutations + 1):
-        sums, sources = _sum_bins(products, bin_index, len(binned), size)
-        statistics = _compute_statistics(sums, sources, binned, velocity is not None)
+        sums, source_counts = _sum_products_by_bin(products, bin_index, len(binned), n_rows)
+        statistics = _compute_test_statistics(sums, source_counts, binned, velocity is not None)
         if not observed:
-            observed, counts = statistics, dict.fromkeys(statistics, 0)
+            observed, exceedances = statistics, dict.fromkeys(statistics, 0)
         for name, chi2 in statistics.items():
-            counts[name] += chi2 >= observed[name] * (1 - 1e-12)
+            exceedances[name] += chi2 >= observed[name] * (1 - 1e-12)
         bin_index = rng.permutation(bin_index)
-    return {name: count / (n_permutations + 1) for name, count in counts.items()}
+    return {name: count / (n_permutations + 1) for name, count in exceedances.items()}
 
 
-def _compute_statistics(sums, sources, binned_solution, with_velocity):
+def _compute_test_statistics(sums, source_counts, binned_solution, with_velocity):
     columns_by_kind = {kind: np.arange(6)[Modes(1).slice_of(kind, 1)] for kind in KINDS}
-    values, covariance = _solve_bins(sums, sources, 6)
+    values, covariance = _solve_scaled_bins(sums, source_counts, 6)
     statistics: dict[str, Any] = {
         kind: find_equality_chi2(values[:, at], covariance[:, at][:, :, at]) for kind, at in columns_by_kind.items()
     }
     if len(binned_solution) > 1:
         statistics["trend"] = find_slope_chi2(values, covariance, binned_solution.redshift)
     if with_velocity:
-        values, covariance = _solve_bins(sums, sources, 7)
+        values, covariance = _solve_scaled_bins(sums, source_counts, 7)
         at = columns_by_kind["S"]
         statistics["secular_parallax"] = find_equality_chi2(values[:, at], covariance[:, at][:, :, at])
     return statistics
 
 
-def _sum_bins(products, bin_index, n_bins, size):
-    """Sums of the products of the sources of each bin, and how many sources it has."""
+def _sum_products_by_bin(products, bin_index, n_bins, size):
+    """Sum the products of the sources of each bin, and count its sources."""
     sums = np.stack([np.bincount(bin_index, column, n_bins) for column in products.T], axis=1)
     return sums.reshape(-1, size, size), np.bincount(bin_index, minlength=n_bins)
 
 
-def _solve_bins(sums, sources, motion_column):
-    """Coefficients of each bin, and their covariance times the bin's χ²/dof."""
+def _solve_scaled_bins(sums, source_counts, motion_column):
+    """Solve for the coefficients of each bin, and their covariance times the bin's χ²/dof."""
     inverse = np.linalg.inv(sums[:, :6, :6])
     values = np.einsum("bij,bj->bi", inverse, sums[:, :6, motion_column])
-    return values, inverse * _compute_chi2_per_dof(sums, sources, motion_column)[:, None, None]
+    return values, inverse * _compute_chi2_per_dof(sums, source_counts, motion_column)[:, None, None]
 
 
-def _compute_chi2_per_dof(sums, sources, motion_column):
+def _compute_chi2_per_dof(sums, source_counts, motion_column):
     """The χ²/dof of degree 1 in each bin; 1 where there are no degrees of freedom."""
     rhs = sums[:, :6, motion_column]
-    fitted = np.einsum("bi,bi->b", rhs, np.linalg.solve(sums[:, :6, :6], rhs[:, :, None])[:, :, 0])
-    chi2, dof = sums[:, motion_column, motion_column] - fitted, 2 * sources - 6
+    fitted_chi2 = np.einsum("bi,bi->b", rhs, np.linalg.solve(sums[:, :6, :6], rhs[:, :, None])[:, :, 0])
+    chi2, dof = sums[:, motion_column, motion_column] - fitted_chi2, 2 * source_counts - 6
     return np.where(dof > 0, chi2 / np.maximum(dof, 1), 1.0)
 
 

@@ -96,12 +96,12 @@ class Trend(Result):
         return plot_trend(self, ax=ax)
 
 
-def compute_welch_correction(binned: Any, steps: int) -> tuple[float, float]:
+def compute_welch_correction(binned: Any, n_contrasts: int) -> tuple[float, float]:
     """Divisor of a scaled χ², and the degrees of freedom of its scale (Welch 1951), for `steps` contrasts."""
     weight, dof = compute_weights_and_dof(binned)
     share = weight / weight.sum()
     welch_sum = np.sum((1 - share) ** 2 / dof)
-    n_means = steps + 1
+    n_means = n_contrasts + 1
     return 1 + 2 * (n_means - 2) / (n_means * n_means - 1) * welch_sum, (n_means * n_means - 1) / (3 * welch_sum)
 
 
@@ -119,23 +119,23 @@ def find_estimated_slope_chi2(estimate: tuple[FloatArray, float, FloatArray], q:
 
 def find_equality_chi2(values: FloatArray, covariance: FloatArray) -> float:
     """χ² of the differences of independent bins: values (B, q), covariance (B, q, q)."""
-    weight = np.linalg.inv(covariance)
-    weighted = np.einsum("bij,bj->bi", weight, values)
-    return float(np.sum(values * weighted) - weighted.sum(0) @ np.linalg.solve(weight.sum(0), weighted.sum(0)))
+    weights = np.linalg.inv(covariance)
+    weighted = np.einsum("bij,bj->bi", weights, values)
+    return float(np.sum(values * weighted) - weighted.sum(0) @ np.linalg.solve(weights.sum(0), weighted.sum(0)))
 
 
 def find_slope_chi2(values: FloatArray, covariance: FloatArray, x: FloatArray) -> float:
     """χ² that a straight line takes away from independent bins: that of no slope."""
-    weight = np.linalg.inv(covariance)
+    weights = np.linalg.inv(covariance)
     design = np.stack([np.ones_like(x), x - x.mean()])
-    normal = np.einsum("kb,lb,bij->kilj", design, design, weight).reshape(2 * weight.shape[1], -1)
-    rhs = np.einsum("kb,bij,bj->ki", design, weight, values)
-    return float(rhs.ravel() @ np.linalg.solve(normal, rhs.ravel()) - rhs[0] @ np.linalg.solve(weight.sum(0), rhs[0]))
+    normal = np.einsum("kb,lb,bij->kilj", design, design, weights).reshape(2 * weights.shape[1], -1)
+    rhs = np.einsum("kb,bij,bj->ki", design, weights, values)
+    return float(rhs.ravel() @ np.linalg.solve(normal, rhs.ravel()) - rhs[0] @ np.linalg.solve(weights.sum(0), rhs[0]))
 
 
 #: From this share in a variance on, a flow matters to the tests of bins.
 FLOW_MATTERS = 0.05
-_BLOCK = 4096
+_BLOCK_SIZE = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,8 +152,8 @@ class SharedFlow:
         modes = f"{len(self.modes)} modes of {self.theory.name}"
         return f"{modes}, and an independent dispersion of {self.dispersion:g} km/s"
 
-    def prepare_bin(self, field: Field, rate: FloatArray, modes: Modes) -> tuple[Field, FloatArray]:
-        """Sources with errors that hold their own motions, and X (p, m) of those within reach of the flow."""
+    def make_flow_field_and_columns(self, field: Field, rate: FloatArray, modes: Modes) -> tuple[Field, FloatArray]:
+        """Make a field whose errors hold the sources' own motions, and X (p, m) of those within reach of the flow."""
         source_indices = np.flatnonzero(rate > 0)
         distance = hubble_value(FLAT_PLANCK13) / 100 / (AU_PER_YEAR * rate[source_indices])
         residual_variance = np.full(source_indices.size, self.theory.sigma**2)
@@ -166,8 +166,8 @@ class SharedFlow:
         source_indices, distance = source_indices[is_within_reach], distance[is_within_reach]
         flow_columns = np.zeros((len(modes), len(self.modes)))
         a, b, c = field.weights
-        for start in range(0, source_indices.size, _BLOCK):
-            rows, block_distance = source_indices[start : start + _BLOCK], distance[start : start + _BLOCK]
+        for start in range(0, source_indices.size, _BLOCK_SIZE):
+            rows, block_distance = source_indices[start : start + _BLOCK_SIZE], distance[start : start + _BLOCK_SIZE]
             east, north = self.modes.at(field.lon[rows], field.lat[rows], block_distance)[0] * rate[rows, None]
             basis = harmonics(field.lon[rows], field.lat[rows], modes)
             flow_columns += (basis[:, 0] * a[rows] + basis[:, 1] * c[rows]) @ east
@@ -196,9 +196,9 @@ def make_shared_flow(
 
 
 #: A p-value below this is called a difference; the Gaussian's three σ.
-_REMARKABLE = 0.0027
+_REMARKABLE_P_VALUE = 0.0027
 #: From so many sources on systematic errors over the sky matters beside their noise.
-_MANY = 100_000
+_MANY_SOURCES = 100_000
 
 
 def _make_tests_section(binned_solution, velocity, p_values):
@@ -211,14 +211,14 @@ def _make_tests_section(binned_solution, velocity, p_values):
         hypothesis = f"constant acceleration plus secular parallax, |v| = {velocity.amplitude:.0f} km/s"
         tests["secular_parallax"] = (hypothesis, binned_solution.secular_parallax(velocity)[1])
     rows = []
-    for key, (hypothesis, test) in tests.items():
+    for name, (hypothesis, test) in tests.items():
         if test.dof:
-            p = (p_values or {}).get(key, np.nan)
-            verdict = "contradicted" if np.fmax(test.p_value, p) < _REMARKABLE else "not contradicted"
-            rows.append((hypothesis, test.quoted, test.dof, test.p_value_quoted, test.p_value, p, verdict))
-    heads = ("hypothesis", "χ²", "dof", "p_value formal", "p_value scaled", "p_value permuted", "verdict")
+            permuted_p = (p_values or {}).get(name, np.nan)
+            verdict = "contradicted" if np.fmax(test.p_value, permuted_p) < _REMARKABLE_P_VALUE else "not contradicted"
+            rows.append((hypothesis, test.quoted, test.dof, test.p_value_quoted, test.p_value, permuted_p, verdict))
+    column_names = ("hypothesis", "χ²", "dof", "p_value formal", "p_value scaled", "p_value permuted", "verdict")
     remarks = [f"permuted: {reason}"] if (reason := _explain_no_permutation(binned_solution, p_values)) else []
-    table, forms = tables.table_of_rows(heads, rows), {"χ²": ".2f"}
+    table, forms = tables.table_of_rows(column_names, rows), {"χ²": ".2f"}
     return Section("Do the bins differ?", (), table, forms=forms, remarks=remarks, notes=binned_solution.notes)
 
 
@@ -355,7 +355,7 @@ class BinnedSolution(Result):
         Scales estimated from few sources are allowed for as in Welch's (1951, Biometrika 38, 330) test of
         means with unequal variances.
         """
-        return self._compare_with_model(kind, l, np.ones((len(self), 1)))[0]
+        return self._test_about_design(kind, l, np.ones((len(self), 1)))[0]
 
     def trend(self, x: ArrayLike | None = None, *, first: bool = False) -> Trend:
         """Fit a straight line in x to the coefficients of the bins, and test its slope.
@@ -378,7 +378,7 @@ class BinnedSolution(Result):
         if len(self) < 2 or np.ptp(x) == 0:
             raise ParameterError("a trend needs at least two bins")
         design = np.stack([np.ones(len(self)), x - x.mean()], 1)
-        misfit, scaled, quoted, free_modes = self._compare_with_model(None, 1 if first else None, design)
+        misfit, scaled, quoted, free_modes = self._test_about_design(None, 1 if first else None, design)
         q = len(free_modes)
         slopes, matrix = quoted[0][q:], quoted[2][q:, q:]
         spin, acceleration = (_make_vector(self.modes, kind, slopes, matrix, free_modes, self.frame) for kind in KINDS)
@@ -386,8 +386,8 @@ class BinnedSolution(Result):
         # Satterthwaite's (1946) degrees of freedom of a slope's scale, from each bin's share in its variance.
         weight, dof = compute_weights_and_dof(self)
         shares = weight * (x - weight @ x / weight.sum()) ** 2
-        p = f_p_value(chi2_pair[0], q, shares.sum() ** 2 / np.sum(shares**2 / dof))
-        test = ChiSquare(chi2_pair[0], q, p, chi2_pair[1], float(chdtrc(q, chi2_pair[1])))
+        p_value = f_p_value(chi2_pair[0], q, shares.sum() ** 2 / np.sum(shares**2 / dof))
+        test = ChiSquare(chi2_pair[0], q, p_value, chi2_pair[1], float(chdtrc(q, chi2_pair[1])))
         return Trend(slopes=slopes, covariance=matrix, test=test, misfit=misfit, spin=spin, acceleration=acceleration)
 
     def secular_parallax(self, velocity: Vector) -> tuple[Vector, ChiSquare]:
@@ -415,7 +415,7 @@ class BinnedSolution(Result):
             )
         parallax_per_inverse_distance = FIRST_DEGREE @ -velocity.to_frame(self.frame).value / AU_PER_YEAR
         parallaxes = np.outer(self.mean_inverse_distance, parallax_per_inverse_distance)
-        test, _, (theta, _, matrix), free_modes = self._compare_with_model("S", 1, np.ones((len(self), 1)), parallaxes)
+        test, _, (theta, _, matrix), free_modes = self._test_about_design("S", 1, np.ones((len(self), 1)), parallaxes)
         return _make_vector(self.modes, "S", theta, matrix, free_modes, self.frame), test
 
     def vectors(self, name: Literal["spin", "acceleration"]) -> list[Vector]:
@@ -426,8 +426,8 @@ class BinnedSolution(Result):
         name : {"spin", "acceleration"}
             Which vector. For least squares without flows, errors are multiplied by √(χ²/dof) if χ² contradicts them.
         """
-        scales = self.is_scaled and self.flow_covariance is None
-        return [getattr(solution.scaled if scales else solution, name) for solution in self.solutions]
+        is_scaled = self.is_scaled and self.flow_covariance is None
+        return [getattr(solution.scaled if is_scaled else solution, name) for solution in self.solutions]
 
     def to_table(self) -> Table:
         """Spin and acceleration in each bin, with errors, as an astropy Table."""
@@ -477,7 +477,7 @@ class BinnedSolution(Result):
         ]
         if self.is_scaled and self.counts.min() < 20:
             warnings.append("warning: a bin has fewer than 20 sources, too few to tell the scale of its errors")
-        if self.counts.sum() >= _MANY and self.modes.lmax < 7:
+        if self.counts.sum() >= _MANY_SOURCES and self.modes.lmax < 7:
             warnings.append(
                 "warning: systematic errors, as those of Gaia, are not in the p-values: with them p < 0.05 on 11 to "
                 "14 % of skies at degrees 1 to 3. --lmax 7 (degree 7) gives 3 to 7 % where the bins cover the same "
@@ -542,33 +542,33 @@ class BinnedSolution(Result):
 
         return plot_bins(self, velocity, ax=ax)
 
-    def _select_coefficients(self, kind, l):
-        """Values (B, q) of some of the free coefficients, their covariance, which they are, and what of it is noise."""
+    def _select_free_coefficients(self, kind, l):
+        """Select (B, q) of the free coefficients, their covariance, which they are, and what of it is noise."""
         modes = list(self.modes)
-        places = [i for i, k in enumerate(self.free) if kind in (None, modes[k].kind) and l in (None, modes[k].l)]
-        if not places:
+        free_indices = [i for i, k in enumerate(self.free) if kind in (None, modes[k].kind) and l in (None, modes[k].l)]
+        if not free_indices:
             raise ParameterError(f"no free coefficients of kind {kind} and degree {l} in the bins")
-        free_modes = self.free[places]
+        free_modes = self.free[free_indices]
         q, bins = len(self.free), len(self)
-        index = (np.arange(bins)[:, None] * q + places).ravel()
+        indices = (np.arange(bins)[:, None] * q + free_indices).ravel()
         values = np.stack([solution.coefficients.values[free_modes] for solution in self.solutions])
-        noise = self.covariance[np.ix_(index, index)]
-        total = noise if self.flow_covariance is None else noise + self.flow_covariance[np.ix_(index, index)]
+        noise = self.covariance[np.ix_(indices, indices)]
+        total = noise if self.flow_covariance is None else noise + self.flow_covariance[np.ix_(indices, indices)]
         return values, total, free_modes, noise
 
-    def _compare_with_model(self, kind, l, design, model=0.0):
-        """A test of the bins about a linear design; what the fit gave, scaled and as quoted: (θ, χ², errors); of which.
+    def _test_about_design(self, kind, l, design, model=0.0):
+        """Test the bins about a linear design; what the fit gave, scaled and as quoted: (θ, χ², errors); of which.
 
         The last are the modes of the coefficients.
         """
-        values, covariance, free_modes, noise = self._select_coefficients(kind, l)
+        values, covariance, free_modes, noise = self._select_free_coefficients(kind, l)
         q = values.shape[1]
-        root = np.repeat(np.sqrt(self.scales), q)
-        scaled_estimate = gls(values - model, noise * np.outer(root, root) + (covariance - noise), design)
+        root_scales = np.repeat(np.sqrt(self.scales), q)
+        scaled_estimate = gls(values - model, noise * np.outer(root_scales, root_scales) + (covariance - noise), design)
         quoted_estimate = gls(values - model, covariance, design)
-        steps, test = len(self) - design.shape[1], ChiSquare(0.0, 0, float("nan"), 0.0, float("nan"))
-        if dof := steps * q:
-            factor, denominator = compute_welch_correction(self, steps)
+        n_contrasts, test = len(self) - design.shape[1], ChiSquare(0.0, 0, float("nan"), 0.0, float("nan"))
+        if dof := n_contrasts * q:
+            factor, denominator = compute_welch_correction(self, n_contrasts)
             chi2, quoted = scaled_estimate[1] / factor, quoted_estimate[1]
             test = ChiSquare(chi2, dof, f_p_value(chi2, dof, denominator), quoted, float(chdtrc(dof, quoted)))
         return test, scaled_estimate, quoted_estimate, free_modes
@@ -576,5 +576,5 @@ class BinnedSolution(Result):
 
 def _make_vector(modes, kind, values, covariance, free_modes, frame):
     """A vector from those of the values that belong to degree 1 of a kind."""
-    places = np.searchsorted(free_modes, np.arange(len(modes))[modes.slice_of(kind, 1)])
-    return vector_of(FIRST_DEGREE, values[places], covariance[np.ix_(places, places)], frame, "µas/yr")
+    indices = np.searchsorted(free_modes, np.arange(len(modes))[modes.slice_of(kind, 1)])
+    return vector_of(FIRST_DEGREE, values[indices], covariance[np.ix_(indices, indices)], frame, "µas/yr")

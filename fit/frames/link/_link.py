@@ -302,9 +302,9 @@ class StepSearch(FrameResult):
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """Probability of each place, on matplotlib axes."""
-        from fit.frames.link._plot import plot_steps
+        from fit.frames.link._plot import plot_step_probabilities
 
-        return plot_steps(self, ax=ax)
+        return plot_step_probabilities(self, ax=ax)
 
 
 @arguments.accepts(astrometry=arguments.a(AstrometryRows))

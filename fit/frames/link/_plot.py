@@ -12,20 +12,20 @@ from vsh.tools.types import Axes, AxesArray, OnAxes
 @apply_style
 def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Orientation and spin against magnitude with standard errors, and influence and distance of each source."""
-    vectors = [vector for vector in ("orientation", "spin") if vector in solution.unknowns.vectors]
-    panel_axes = panels(ax, len(vectors) + 1, 1, size=(WIDTH, 2.2 * (len(vectors) + 1)))
+    vector_names = [vector for vector in ("orientation", "spin") if vector in solution.unknowns.vectors]
+    panel_axes = panels(ax, len(vector_names) + 1, 1, size=(WIDTH, 2.2 * (len(vector_names) + 1)))
     magnitudes = solution.magnitude[np.isfinite(solution.magnitude)]
     lower, upper = (magnitudes.min() - 0.3, magnitudes.max() + 0.3) if magnitudes.size else (10.0, 20.0)
-    edges = [lower, *(s for s in sorted(solution.unknowns.steps) if lower < s < upper), upper]
-    for axes, vector in zip(panel_axes, vectors, strict=False):
+    segment_edges = [lower, *(step for step in sorted(solution.unknowns.steps) if lower < step < upper), upper]
+    for axes, vector in zip(panel_axes, vector_names, strict=False):
         for k, axis in enumerate("xyz"):
-            for start, end in pairwise(edges):
+            for start, end in pairwise(segment_edges):
                 # A step belongs to what is fainter.
                 grid = np.linspace(start, np.nextafter(end, -np.inf), 30)
-                states = [solution.vector(vector, float(g)) for g in grid]
-                value = np.array([v.value[k] for v in states])
-                sigma = np.array([v.sigma[k] for v in states])
-                label = axis if start == edges[0] else None
+                vectors_on_grid = [solution.vector(vector, float(magnitude)) for magnitude in grid]
+                value = np.array([v.value[k] for v in vectors_on_grid])
+                sigma = np.array([v.sigma[k] for v in vectors_on_grid])
+                label = axis if start == segment_edges[0] else None
                 axes.plot(grid, value, color=COLOURS[k], linestyle=("-", "--", "-.")[k], label=label)
                 axes.fill_between(grid, value - sigma, value + sigma, color=COLOURS[k], alpha=0.15, linewidth=0)
         axes.axhline(0, color="0.6", lw=0.6)
@@ -34,7 +34,7 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
         unit = "µas" if vector == "orientation" else "µas/yr"
         axes.set(xlabel="magnitude  [mag]", ylabel=f"{vector}  [{unit}]")
     legend_above(panel_axes[0], 4)
-    axes = panel_axes[len(vectors)]
+    axes = panel_axes[len(vector_names)]
     influence = np.abs(solution.influence).max(1)
     outlier = solution.outlier > 0.5
     for selection, tint, marker, label in ((~outlier, COLOURS[0], "o", "source"), (outlier, "0.2", "x", "outlier")):
@@ -55,7 +55,7 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
 
 
 @apply_style
-def plot_steps(search: Any, *, ax: Axes | None = None) -> Axes:
+def plot_step_probabilities(search: Any, *, ax: Axes | None = None) -> Axes:
     """Probability of each place of a jump, and what lies between."""
     (axes,) = panels(ax, size=(WIDTH, 2.6))
     axes.vlines(search.places, 0, search.probability, color=COLOURS[0], linewidth=1)

@@ -84,14 +84,14 @@ def read_priors(source: Any, magnitude: float | None = None) -> list[LinkPrior]:
         source = Path(source, _FIT_VECTORS_FILE)
     table = tables.open_table(source)
     if {"x", "sigma_x", "name"} <= {*table.names}:
-        return _read_fit_priors(table, magnitude)
+        return _read_fit_spin(table, magnitude)
     for name in (*"xyz", *(f"{axis}_error" for axis in "xyz")):
         if name not in table.names:
             raise TableError(f"{table.label}: {missing_column(name, table)}")
-    numbers = {name: _read_numbers(table, name) for name in table.names if name in _NUMBERS}
+    numbers = {name: _read_number_column(table, name) for name in table.names if name in _NUMBERS}
     texts = {name: np.asarray(table.columns((name,))[name][0]).astype(str) for name in _TEXTS if name in table.names}
-    n, priors = len(numbers["x"]), []
-    vectors, catalogues = texts.get("vector", ["spin"] * n), texts.get("catalogue", [None] * n)
+    n_rows, priors = len(numbers["x"]), []
+    vectors, catalogues = texts.get("vector", ["spin"] * n_rows), texts.get("catalogue", [None] * n_rows)
     for row, (vector, catalogue) in enumerate(zip(vectors, catalogues, strict=True)):
         unit = "uas" if vector == "orientation" else "uas / yr"
 
@@ -99,26 +99,26 @@ def read_priors(source: Any, magnitude: float | None = None) -> list[LinkPrior]:
             factor = unit_factor(name, table.units.get(name), unit) if name[:1] in "xyz" and "corr" not in name else 1.0
             return float(numbers[name][row]) * factor if name in numbers else 0.0
 
-        sigma = np.array([read_number(f"{axis}_error") for axis in "xyz"])
-        matrix = np.eye(3)
+        errors = np.array([read_number(f"{axis}_error") for axis in "xyz"])
+        correlation = np.eye(3)
         for name, (i, j) in {"x_y_corr": (0, 1), "x_z_corr": (0, 2), "y_z_corr": (1, 2)}.items():
-            matrix[i, j] = matrix[j, i] = read_number(name)
+            correlation[i, j] = correlation[j, i] = read_number(name)
         entry = read_number("magnitude") if "magnitude" in numbers else np.nan
-        row_magnitude, name = entry if np.isfinite(entry) else magnitude, None if catalogue is None else str(catalogue)
+        row_magnitude, label = entry if np.isfinite(entry) else magnitude, None if catalogue is None else str(catalogue)
         value = np.array([read_number(axis) for axis in "xyz"])
-        priors.append(LinkPrior(str(vector), value, matrix * np.outer(sigma, sigma), row_magnitude, name))
+        priors.append(LinkPrior(str(vector), value, correlation * np.outer(errors, errors), row_magnitude, label))
     return priors
 
 
-def _read_fit_priors(table, magnitude):
+def _read_fit_spin(table, magnitude):
     """Read the spin of a fit to motions as a prior, from the table of its vectors."""
-    names = np.asarray(table.columns(("name",))["name"][0]).astype(str)
-    if "spin" not in names:
-        raise TableError(f"{table.label}: no row is called spin; there are {', '.join(names)}")
-    row = int(np.flatnonzero(names == "spin")[0])
+    vector_names = np.asarray(table.columns(("name",))["name"][0]).astype(str)
+    if "spin" not in vector_names:
+        raise TableError(f"{table.label}: no row is called spin; there are {', '.join(vector_names)}")
+    row = int(np.flatnonzero(vector_names == "spin")[0])
 
     def read_number(name):
-        return float(_read_numbers(table, name)[row])
+        return float(_read_number_column(table, name)[row])
 
     if any(unit_factor(axis, table.units.get(axis), "uas / yr") != 1 for axis in "xyz"):
         raise TableError(f"{table.label}: the spin is not in µas/yr")
@@ -141,11 +141,11 @@ _NUMBERS = (*"xyz", *(f"{axis}_error" for axis in "xyz"), "x_y_corr", "x_z_corr"
 _TEXTS = ("vector", "catalogue")
 
 
-def _read_numbers(table, name):
+def _read_number_column(table, name):
     """Read a column as numbers, nan where nothing is."""
-    values, is_masked = table.columns((name,))[name]
+    values, mask = table.columns((name,))[name]
     floats, is_missing = as_floats_and_mask(name, values)
-    return np.where(is_missing if is_masked is None else is_missing | np.asarray(is_masked, bool), np.nan, floats)
+    return np.where(is_missing if mask is None else is_missing | np.asarray(mask, bool), np.nan, floats)
 
 
 _AXES = "xyz"
@@ -184,10 +184,10 @@ class Unknowns(InNotebook):
 
     def __post_init__(self) -> None:
         """Check what a caller may have mixed up."""
-        unknown = [vector for vector in self.vectors if vector not in VECTORS]
-        if unknown or not self.vectors:
+        unknown_vectors = [vector for vector in self.vectors if vector not in VECTORS]
+        if unknown_vectors or not self.vectors:
             raise ParameterError(
-                f"unknowns are of {', '.join(VECTORS)}, parallax, not {', '.join(map(str, unknown)) or 'none'}"
+                f"unknowns are of {', '.join(VECTORS)}, parallax, not {', '.join(map(str, unknown_vectors)) or 'none'}"
             )
         if len(set(self.steps)) < len(self.steps) or not np.isfinite(self.steps).all():
             raise ParameterError(f"steps are different magnitudes, not {self.steps}")
@@ -208,25 +208,25 @@ class Unknowns(InNotebook):
         return tuple(unit for _, unit in self._iterate_parameters())
 
     def _iterate_parameters(self):
-        """Name and unit of each parameter, in their order."""
+        """Iterate over name and unit of each parameter, in their order."""
         for catalogue in self.turned:
-            prefix = self._make_prefix(catalogue)
+            prefix = self._make_catalogue_prefix(catalogue)
             for vector in self.vectors:
                 if vector != "acceleration":
                     for term in self.terms:
-                        yield from ((_format_name(prefix, vector, axis, term), VECTORS[vector][1]) for axis in _AXES)
+                        yield from ((_name_parameter(prefix, vector, axis, term), VECTORS[vector][1]) for axis in _AXES)
         for catalogue in self.turned:
             yield from zip(self.parallax_names(catalogue), ("µas", ""), strict=False)
         if "acceleration" in self.vectors:
-            yield from ((_format_name("", "acceleration", axis, ""), VECTORS["acceleration"][1]) for axis in _AXES)
+            yield from ((_name_parameter("", "acceleration", axis, ""), VECTORS["acceleration"][1]) for axis in _AXES)
 
-    def _make_prefix(self, catalogue):
+    def _make_catalogue_prefix(self, catalogue):
         """Make the prefix of the names of a catalogue's parameters."""
         return f"{catalogue}:" if len(self.turned) > 1 else ""
 
     def parallax_names(self, catalogue: str) -> tuple[str, ...]:
         """Names of zero point and scale of the parallaxes of a `catalogue`; none if they are not unknown."""
-        prefix = self._make_prefix(catalogue)
+        prefix = self._make_catalogue_prefix(catalogue)
         return (f"{prefix}parallax_zero", f"{prefix}parallax_scale") if self.has_parallax_terms else ()
 
     @property
@@ -240,15 +240,15 @@ class Unknowns(InNotebook):
     def functions(self, magnitude: ArrayLike) -> FloatArray:
         """The functions of `terms` at each `magnitude`, (k, n); nan where that is not known."""
         magnitude = np.atleast_1d(np.asarray(magnitude, float))
-        gaps = np.where(np.isnan(magnitude), np.nan, 0.0)
-        rows = [np.ones(magnitude.shape), *((magnitude >= step) + gaps for step in self.steps)]
-        rows += [(magnitude - _ZERO_MAGNITUDE) ** k for k in range(1, self.order + 1)]
-        return np.array(rows)
+        missing_as_nan = np.where(np.isnan(magnitude), np.nan, 0.0)
+        function_values = [np.ones(magnitude.shape), *((magnitude >= step) + missing_as_nan for step in self.steps)]
+        function_values += [(magnitude - _ZERO_MAGNITUDE) ** k for k in range(1, self.order + 1)]
+        return np.array(function_values)
 
     def jump(self, vector: str, catalogue: str, step: float) -> FloatArray:
         """Linear combination of the parameters for the jump of a `vector` of one `catalogue` at a `step`, (3, p)."""
-        at = self.combination(vector, catalogue, step)
-        return at - self.combination(vector, catalogue, np.nextafter(step, -np.inf))
+        at_step = self.combination(vector, catalogue, step)
+        return at_step - self.combination(vector, catalogue, np.nextafter(step, -np.inf))
 
     def combination(self, vector: str, catalogue: str, magnitude: float | None = None) -> FloatArray:
         """Linear combination of the parameters for a vector of one catalogue at a magnitude, (3, p).
@@ -264,16 +264,16 @@ class Unknowns(InNotebook):
         magnitude : float, optional
             Where.
         """
-        values = self.functions(np.nan if magnitude is None else magnitude)[:, 0]
+        function_values = self.functions(np.nan if magnitude is None else magnitude)[:, 0]
         if magnitude is None:
-            values = np.where(np.isnan(values), 0.0, values)
+            function_values = np.where(np.isnan(function_values), 0.0, function_values)
         names = self.names
-        prefix = self._make_prefix(catalogue)
+        prefix = self._make_catalogue_prefix(catalogue)
         matrix = np.zeros((3, len(names)))
         terms = self.terms if vector != "acceleration" else ("",)
         for k, axis in enumerate(_AXES):
-            for term, value in zip(terms, values, strict=False):
-                name = _format_name("" if vector == "acceleration" else prefix, vector, axis, term)
+            for term, value in zip(terms, function_values, strict=False):
+                name = _name_parameter("" if vector == "acceleration" else prefix, vector, axis, term)
                 matrix[k, names.index(name)] = value
         return matrix
 
@@ -298,24 +298,24 @@ class Unknowns(InNotebook):
         if catalogue not in self.turned:
             return design
         p, q, _ = triad(lon, lat)
-        turn = np.stack([q.T, -p.T], 1)  # (n, 2, 3)
+        rotation = np.stack([q.T, -p.T], 1)  # (n, 2, 3)
         start = self.turned.index(catalogue) * sum(3 * len(self.terms) for v in self.vectors if v != "acceleration")
         for vector in self.vectors:
             if vector == "acceleration":
                 continue
-            for values in functions:
+            for term_values in functions:
                 columns = slice(start, start + 3)
                 if vector == "orientation":
-                    design[:, :2, columns] = values[:, None, None] * turn
+                    design[:, :2, columns] = term_values[:, None, None] * rotation
                 else:
-                    design[:, :2, columns] = (values * (epoch - self.epoch))[:, None, None] * turn
-                    design[:, 3:, columns] = values[:, None, None] * turn
+                    design[:, :2, columns] = (term_values * (epoch - self.epoch))[:, None, None] * rotation
+                    design[:, 3:, columns] = term_values[:, None, None] * rotation
                 start += 3
         return design
 
 
-def _format_name(prefix, vector, axis, term):
-    """Format the name of a parameter: what a step adds is a jump, not the value beyond it."""
+def _name_parameter(prefix, vector, axis, term):
+    """Name a parameter: what a step adds is a jump, not the value beyond it."""
     component = f"{prefix}{VECTORS[vector][0]}_{axis}{term}"
     return f"jump {component}" if term.startswith(" at ") else component
 
@@ -323,7 +323,7 @@ def _format_name(prefix, vector, axis, term):
 #: Singular values of a source's whitened equations below so much of the largest are none.
 _RANK_LIMIT = 1e-9
 #: Positions farther from what was expected than so much are of another source. [rad]
-_FARTHEST = np.radians(1 / 60)
+_LARGEST_OFFSET = np.radians(1 / 60)
 #: Sources that are eliminated together.
 _CHUNK_SIZE = 4096
 
@@ -403,16 +403,16 @@ class Equations:
     @property
     def n_matched(self) -> int:
         """The number of sources in two catalogues or more."""
-        pairs = np.unique(
+        source_catalogue_pairs = np.unique(
             np.stack([self.source, np.unique(self.data.catalogue, return_inverse=True)[1].ravel()]), axis=1
         )
-        return int((np.bincount(pairs[0]) > 1).sum())
+        return int((np.bincount(source_catalogue_pairs[0]) > 1).sum())
 
     def describe_matching(self) -> str:
         """Say by what sources are matched, with the first name of each catalogue."""
-        examples = {label: self.data.name[self.data.catalogue == label][0] for label in self.data.catalogues}
-        listed = ", ".join(f"{name} in {label}" for label, name in examples.items())
-        return f"sources are matched by name: {listed} …"
+        first_names = {label: self.data.name[self.data.catalogue == label][0] for label in self.data.catalogues}
+        listed_names = ", ".join(f"{name} in {label}" for label, name in first_names.items())
+        return f"sources are matched by name: {listed_names} …"
 
     def eliminate_stars(self, excess: float = 0.0, reference: str = "") -> WhitenedDifferences:
         """The differences that are left, with an offset of `excess` between the reference and the others added.
@@ -429,27 +429,27 @@ class Equations:
                 "no source constrains the frame: none is in two catalogues, and none is a quasar with a motion "
                 f"({self.describe_matching()})"
             )
-        groups = [self.rows[piece.group] for piece in pieces]
+        group_rows = [self.rows[piece.group] for piece in pieces]
         return WhitenedDifferences(
             np.concatenate([piece.design for piece in pieces]),
             np.concatenate([piece.rhs for piece in pieces]),
             np.repeat(np.arange(len(pieces)), [len(piece.rhs) for piece in pieces]),
-            tuple(map(self._format_label, groups)),
-            np.array([self._average_magnitude(rows) for rows in groups]),
-            np.array([len(rows) for rows in groups]),
+            tuple(map(self._format_source_label, group_rows)),
+            np.array([self._average_magnitude(rows) for rows in group_rows]),
+            np.array([len(rows) for rows in group_rows]),
             float(sum(piece.log_determinant for piece in pieces)),
         )
 
     @cached_property
     def _groups_by_shape(self):
         """Groups whose rows measure the same, of the same catalogues and sources: their equations have one shape."""
-        measured = self.data.measured
-        catalogue = np.unique(self.data.catalogue, return_inverse=True)[1].ravel()
+        is_measured = self.data.measured
+        catalogue_numbers = np.unique(self.data.catalogue, return_inverse=True)[1].ravel()
         groups: dict[Any, list[int]] = {}
         for number, rows in enumerate(self.rows):
             source_numbers = np.unique(self.source[rows], return_inverse=True)[1] if len(rows) > 1 else np.zeros(1, int)
-            key = measured[rows].tobytes(), catalogue[rows].tobytes(), source_numbers.tobytes()
-            groups.setdefault(key, []).append(number)
+            shape_key = is_measured[rows].tobytes(), catalogue_numbers[rows].tobytes(), source_numbers.tobytes()
+            groups.setdefault(shape_key, []).append(number)
         return [np.array(g[i : i + _CHUNK_SIZE]) for g in groups.values() for i in range(0, len(g), _CHUNK_SIZE)]
 
     def _eliminate_groups(self, members, excess, reference):
@@ -457,23 +457,23 @@ class Equations:
         data, rows = self.data, np.array([self.rows[k] for k in members])
         is_measured = data.measured[rows[0]]
         n, m = len(rows), int(is_measured.sum())
-        sigma = np.zeros((n, m, m))
-        at = np.cumsum([0, *is_measured.sum(1)])
+        covariance = np.zeros((n, m, m))
+        cut = np.cumsum([0, *is_measured.sum(1)])
         for j, mask in enumerate(is_measured):
-            sigma[:, at[j] : at[j + 1], at[j] : at[j + 1]] = data.covariance[rows[:, j]][:, mask][:, :, mask]
+            covariance[:, cut[j] : cut[j + 1], cut[j] : cut[j + 1]] = data.covariance[rows[:, j]][:, mask][:, :, mask]
         if excess:
             offset = np.zeros((n, *is_measured.shape, 2))
             offset[:, data.catalogue[rows[0]] == reference, :2] = excess * np.eye(2)
-            flat = offset[:, is_measured]
-            sigma += flat @ flat.transpose(0, 2, 1)
-        factor = np.linalg.cholesky(sigma)
-        a, y = np.linalg.solve(factor, self.design[rows][:, is_measured]), self.residual[rows][:, is_measured]
-        y = np.linalg.solve(factor, y[..., None])[..., 0]
-        log_determinant = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(1)
-        truth = self._stack_truths(rows)[:, is_measured]
-        length = np.linalg.norm(truth, axis=1, keepdims=True)
+            columns = offset[:, is_measured]
+            covariance += columns @ columns.transpose(0, 2, 1)
+        cholesky = np.linalg.cholesky(covariance)
+        a, y = np.linalg.solve(cholesky, self.design[rows][:, is_measured]), self.residual[rows][:, is_measured]
+        y = np.linalg.solve(cholesky, y[..., None])[..., 0]
+        log_determinant = np.log(np.diagonal(cholesky, axis1=1, axis2=2)).sum(1)
+        truth = self._stack_truth_derivatives(rows)[:, is_measured]
+        norms = np.linalg.norm(truth, axis=1, keepdims=True)
         if truth.size:
-            u, s, _ = np.linalg.svd(np.linalg.solve(factor, truth / np.where(length > 0, length, 1.0)))
+            u, s, _ = np.linalg.svd(np.linalg.solve(cholesky, truth / np.where(norms > 0, norms, 1.0)))
             is_nonzero = (s > _RANK_LIMIT * s[:, :1]) & (s > 0)
         else:
             u, s, is_nonzero = np.tile(np.eye(m), (n, 1, 1)), np.ones((n, 0)), np.zeros((n, 0), bool)
@@ -487,18 +487,18 @@ class Equations:
         magnitudes = self.data.magnitude[rows][np.isfinite(self.data.magnitude[rows])]
         return magnitudes.mean() if magnitudes.size else np.nan
 
-    def _stack_truths(self, rows):
+    def _stack_truth_derivatives(self, rows):
         """Stack the derivatives by the true parameters of all sources that stand together, (n, j, 5, 5 s)."""
         source_numbers = np.unique(self.source[rows[0]], return_inverse=True)[1].ravel()
         derivatives = np.zeros((*rows.shape, 5, source_numbers.max() + 1, 5))
         derivatives[:, np.arange(len(source_numbers)), :, source_numbers] = np.moveaxis(self.truth[rows], 1, 0)
         return derivatives.reshape(*rows.shape, 5, -1)
 
-    def _format_label(self, rows):
+    def _format_source_label(self, rows):
         """The name of a source, or of the first of several and how many more there are."""
-        sources = np.unique(self.source[rows])
+        source_numbers = np.unique(self.source[rows])
         name = str(self.data.name[rows[0]])
-        return name if len(sources) == 1 else f"{name} and {len(sources) - 1} more"
+        return name if len(source_numbers) == 1 else f"{name} and {len(source_numbers) - 1} more"
 
 
 def make_equations(
@@ -512,12 +512,12 @@ def make_equations(
 ) -> tuple[Equations, tuple[str, ...]]:
     """Expected parameters of each row from the best-known ones of its source, and what is left; with notes."""
     source, n = data.source, len(data)
-    order = np.argsort(source, kind="stable")
-    groups = tuple(np.split(order, np.flatnonzero(np.diff(source[order])) + 1))
+    rows_by_source = np.argsort(source, kind="stable")
+    groups = tuple(np.split(rows_by_source, np.flatnonzero(np.diff(source[rows_by_source])) + 1))
     calibrator_groups = _join_by_calibrator(data, groups)
     # The magnitude of a source is that of any of its rows.
     known_columns = {role: np.full(n, np.nan) for role in ("magnitude", "radial_velocity")}
-    best = np.zeros((5, n))
+    known = np.zeros((5, n))
     epoch = np.zeros(n)
     still = np.zeros(n, bool)
     mask = data.measured
@@ -530,20 +530,20 @@ def make_equations(
         best_row = rows[np.argmax(mask[rows].sum(1) + 0.5 * np.isfinite(data.lon[rows]))]
         if not np.isfinite(data.lon[best_row]):
             raise FieldError(f"no row of {one_line_text(data.name[best_row])} has a position, if without an error")
-        best[0, rows], best[1, rows], epoch[rows] = data.lon[best_row], data.lat[best_row], data.epoch[best_row]
+        known[0, rows], known[1, rows], epoch[rows] = data.lon[best_row], data.lat[best_row], data.epoch[best_row]
         if not still[rows[0]]:
             for k in (2, 3, 4):
                 known_rows = rows[np.isfinite(data.values[k, rows])]
                 row = best_row if np.isfinite(data.values[k, best_row]) else known_rows[0] if known_rows.size else -1
-                best[k, rows] = data.values[k, row] if row >= 0 else 0.0
-    notes = _note_missing_velocity(data, known_columns["radial_velocity"], still)
+                known[k, rows] = data.values[k, row] if row >= 0 else 0.0
+    notes = _note_missing_radial_velocities(data, known_columns["radial_velocity"], still)
     moved, jacobian = propagate(
-        best, np.nan_to_num(known_columns["radial_velocity"]), epoch, data.epoch, light_time=light_time
+        known, np.nan_to_num(known_columns["radial_velocity"]), epoch, data.epoch, light_time=light_time
     )
     p, q, r = triad(moved[0], moved[1])
     _, _, positions = triad(np.where(mask[:, 0], data.lon, moved[0]), np.where(mask[:, 0], data.lat, moved[1]))
-    if (np.sum(positions * r, 0) < np.cos(_FARTHEST)).any():
-        far = np.flatnonzero(np.sum(positions * r, 0) < np.cos(_FARTHEST))
+    if (np.sum(positions * r, 0) < np.cos(_LARGEST_OFFSET)).any():
+        far = np.flatnonzero(np.sum(positions * r, 0) < np.cos(_LARGEST_OFFSET))
         raise FieldError(
             f"positions more than 1' from where the source should be: {len(far)} ({one_line_text(data.name[far[0]])} "
             f"in {data.catalogue[far[0]]}, row {far[0]}): names that are given twice, or a wrong epoch or motion"
@@ -567,23 +567,23 @@ def make_equations(
         # The weighted mean of the parallaxes of a source is independent of their differences, unlike each of them.
         weights = np.where(mask[:, 2] & ~still, 1 / data.covariance[:, 2, 2], 0.0)
         sums = np.bincount(source, weights), np.bincount(source, weights * np.where(mask[:, 2], data.parallax, 0.0))
-        mean = np.divide(sums[1], sums[0], out=np.zeros(len(sums[0])), where=sums[0] > 0)[source]
+        mean_parallax = np.divide(sums[1], sums[0], out=np.zeros(len(sums[0])), where=sums[0] > 0)[source]
         for catalogue in unknowns.turned:
             mine = (data.catalogue == catalogue) & mask[:, 2]
-            zero, scale = (unknowns.names.index(name) for name in unknowns.parallax_names(catalogue))
-            design[mine, 2, zero], design[mine, 2, scale] = 1.0, mean[mine]
+            zero_column, scale_column = (unknowns.names.index(name) for name in unknowns.parallax_names(catalogue))
+            design[mine, 2, zero_column], design[mine, 2, scale_column] = 1.0, mean_parallax[mine]
     if np.isnan(design).any():
-        unknown = data.name[np.isnan(design).any((1, 2))]
+        unknown_sources = data.name[np.isnan(design).any((1, 2))]
         raise FieldError(
-            f"{len(np.unique(unknown))} sources have no magnitude, which the frame is to depend on: "
-            f"{one_line_text(unknown[0])} for one"
+            f"{len(np.unique(unknown_sources))} sources have no magnitude, which the frame is to depend on: "
+            f"{one_line_text(unknown_sources[0])} for one"
         )
     # Apparent motions follow the acceleration of the Solar System. A catalogue that is fixed to calibrators at an
     # epoch does not: there stars move against it.
     shift = np.zeros((n, 5, 3))
     axes = np.stack([p.T, q.T], 1)
-    quasars = still & mask[:, 3]
-    shift[quasars, 3:] += axes[quasars]
+    is_quasar = still & mask[:, 3]
+    shift[is_quasar, 3:] += axes[is_quasar]
     shift[still, :2] += (data.epoch - epoch)[still, None, None] * axes[still]
     for catalogue, calibrator_epoch in fixed.items():
         mine = data.catalogue == catalogue
@@ -603,23 +603,23 @@ def _join_by_calibrator(data, groups):
     if not has_calibrator.any():
         return groups
     calibrators, calibrator_numbers = np.unique(data.calibrator[has_calibrator], return_inverse=True)
-    graph = coo_array(
+    source_calibrator_graph = coo_array(
         (np.ones(int(has_calibrator.sum())), (data.source[has_calibrator], calibrator_numbers.ravel())),
         shape=(len(groups), len(calibrators)),
     ).tocsr()
-    _, components = connected_components(graph @ graph.T, directed=False)
+    _, components = connected_components(source_calibrator_graph @ source_calibrator_graph.T, directed=False)
     return tuple(
         np.concatenate([groups[k] for k in np.flatnonzero(components == component)])
         for component in dict.fromkeys(components.tolist())
     )
 
 
-def _note_missing_velocity(data, velocity, still):
+def _note_missing_radial_velocities(data, radial_velocity, is_still):
     """Note fast stars near us whose radial velocity is not known."""
     with np.errstate(invalid="ignore"):
         # Perspective acceleration of 50 km/s over twenty years, 2 µ v ϖ t / A. [µas/yr]
-        change = np.hypot(*data.motion) * 50 * data.parallax * UAS * 2 * 20 / AU_PER_YEAR
-        doubtful = np.unique(data.name[~still & np.isnan(velocity) & (change > 20)])
+        motion_change = np.hypot(*data.motion) * 50 * data.parallax * UAS * 2 * 20 / AU_PER_YEAR
+        doubtful = np.unique(data.name[~is_still & np.isnan(radial_velocity) & (motion_change > 20)])
     if not doubtful.size:
         return ()
     return (

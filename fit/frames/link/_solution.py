@@ -142,8 +142,8 @@ class FrameTie(FrameResult, NamedSolution):
                 f"no step was fitted at {step:g}; fitted are {', '.join(map(str, self.unknowns.steps)) or 'none'}"
             )
         combination = self.unknowns.jump(vector, catalogue or self.unknowns.turned[0], step)
-        value, covariance, p = self._combine_and_test(combination)
-        return Vector(value, covariance, self.frame, VECTORS[vector][1]), p
+        value, covariance, p_value = self._combine_and_test(combination)
+        return Vector(value, covariance, self.frame, VECTORS[vector][1]), p_value
 
     def jump_covariance(self, step: float) -> FloatArray:
         """Covariance of the jumps of all vectors and catalogues at a step, (k, k).
@@ -228,10 +228,10 @@ class FrameTie(FrameResult, NamedSolution):
         return np.sqrt(np.diag(np.linalg.inv(np.linalg.inv(self.covariance) + count * self.information)))
 
     def _sections(self, long):
-        unknowns, n = self.unknowns, len(self.sources)
+        unknowns, n_sources = self.unknowns, len(self.sources)
         catalogues = ", ".join(unknowns.turned) or self.reference
         model = f"Δα* = q·ε, Δδ = −p·ε with ε + ω (t − {unknowns.epoch:g})"
-        differences = f"{n}, with {self.n_data} differences after their own positions, parallaxes and motions"
+        differences = f"{n_sources}, with {self.n_data} differences after their own positions, parallaxes and motions"
         facts = [
             ("sources", f"{differences} are eliminated"),
             ("model", f"{model}, catalogue − reference ({self.frame} axes); ICRF3's R1, R2, R3 are −ε"),
@@ -241,12 +241,12 @@ class FrameTie(FrameResult, NamedSolution):
             facts.append(("offset", f"{self.excess:.3g} µas a coordinate, of positions of {self.reference}"))
         if "spin" in unknowns.vectors and re.search("gaia|dr3", catalogues, re.IGNORECASE):
             facts += self._quote_published_spin()
-        facts += self._list_level_facts(long)
+        facts += self._list_level_and_jump_facts(long)
         if long:
-            share = np.mean(self.with_more(10) / self.sigma)
-            facts.append(("10 more sources", f"like these would give {share:.2f} of these errors"))
+            error_ratio = np.mean(self.with_more(10) / self.sigma)
+            facts.append(("10 more sources", f"like these would give {error_ratio:.2f} of these errors"))
         table = None if unknowns.steps and not long else self.to_table()  # else the levels say it in fewer lines
-        remarks = self._write_influence_remarks()
+        remarks = self._write_source_remarks()
         title, columns = f"{catalogues} against {self.reference}", ("parameter", "value", "sigma", "unit")
         section = Section(title, facts, table, columns, remarks=remarks, notes=self.notes)
         return (section, *(self._make_source_sections() if long else ()))
@@ -255,20 +255,20 @@ class FrameTie(FrameResult, NamedSolution):
         """Quote the spin that was published of the bright ones among these sources; nothing where none is bright."""
         if not len(bright := self.magnitude[self.magnitude < BRIGHT]):
             return []
-        middle = float(np.median(bright))
-        spin = ", ".join(f"{value:+.1f}" for value in rotation_matrix("icrs", self.frame) @ published_spin(middle))
+        median = float(np.median(bright))
+        spin = ", ".join(f"{value:+.1f}" for value in rotation_matrix("icrs", self.frame) @ published_spin(median))
         words = f"median of {len(bright)} sources with G < {BRIGHT:g}, by clusters and binaries"
         return [
-            ("published", f"spin ({spin}) µas/yr of (E)DR3 at G = {middle:.1f}, {words} (Cantat-Gaudin & Brandt 2021)")
+            ("published", f"spin ({spin}) µas/yr of (E)DR3 at G = {median:.1f}, {words} (Cantat-Gaudin & Brandt 2021)")
         ]
 
-    def _write_influence_remarks(self):
+    def _write_source_remarks(self):
         """Write sentences on probable outliers, and on sources that the answer hangs on."""
         count = int(np.sum(self.outlier > 0.5))
-        order = np.argsort(-self.outlier, kind="stable")[:count]
+        outliers = np.argsort(-self.outlier, kind="stable")[:count]
         remarks = []
         if count:
-            names = ", ".join(one_line_text(self.sources[i]) for i in order[:_MOST_LISTED])
+            names = ", ".join(one_line_text(self.sources[i]) for i in outliers[:_MOST_LISTED])
             names += f" and {count - _MOST_LISTED} more" if count > _MOST_LISTED else ""
             remarks.append(
                 f"Probable outliers (errors more than three times as large): {count} of {len(self.sources)}: {names}."
@@ -285,19 +285,19 @@ class FrameTie(FrameResult, NamedSolution):
     def _make_source_sections(self):
         """Make sections of the sources that are most probably outliers, and of those with most influence."""
         outliers = np.argsort(-self.outlier, kind="stable")[: max(int(np.sum(self.outlier > 0.5)), 3)][:_MOST_LISTED]
-        columns = {
+        outlier_columns = {
             "source": [one_line_text(self.sources[i]) for i in outliers],
             "probability": self.outlier[outliers],
             "formal errors": self.distances[outliers],
         }
-        heaviest = np.argsort(-np.abs(self.influence).max(1), kind="stable")[:3]
-        worst = np.abs(self.influence[heaviest]).argmax(1)
+        most_influential = np.argsort(-np.abs(self.influence).max(1), kind="stable")[:3]
+        most_moved = np.abs(self.influence[most_influential]).argmax(1)
         influence_columns = {
-            "source": [one_line_text(self.sources[i]) for i in heaviest],
-            "parameter": [self.names[k] for k in worst],
-            "errors": self.influence[heaviest, worst],
+            "source": [one_line_text(self.sources[i]) for i in most_influential],
+            "parameter": [self.names[k] for k in most_moved],
+            "errors": self.influence[most_influential, most_moved],
         }
-        doubtful, influential = tables.table_of(columns), tables.table_of(influence_columns)
+        doubtful, influential = tables.table_of(outlier_columns), tables.table_of(influence_columns)
         forms = {"probability": ".2f", "formal errors": ".1f"}
         return (
             Section("Sources most probably outliers", (), doubtful, forms=forms),
@@ -317,13 +317,13 @@ class FrameTie(FrameResult, NamedSolution):
             if name in self.unknowns.vectors
         ]
         for catalogue in self.unknowns.turned if self.unknowns.has_parallax_terms else ():
-            zero, scale = (self.names.index(name) for name in self.unknowns.parallax_names(catalogue))
+            i_zero, i_scale = (self.names.index(name) for name in self.unknowns.parallax_names(catalogue))
             values, sigma = self.values.tolist(), self.sigma.tolist()
-            text = (
-                f"zero point {format_with_error(values[zero], sigma[zero], '+')} µas, scale "
-                f"{format_with_error(1 + values[scale], sigma[scale])} ({catalogue} relative to {self.reference})"
+            parallax_words = (
+                f"zero point {format_with_error(values[i_zero], sigma[i_zero], '+')} µas, scale "
+                f"{format_with_error(1 + values[i_scale], sigma[i_scale])} ({catalogue} relative to {self.reference})"
             )
-            lines.append((f"parallaxes, {catalogue}" if several else "parallaxes", text))
+            lines.append((f"parallaxes, {catalogue}" if several else "parallaxes", parallax_words))
         for step in steps:
             p_value, *p_values = self.jump_p_values(step)
             phrases = [
@@ -378,18 +378,18 @@ class FrameTie(FrameResult, NamedSolution):
         """
         if self.searched:
             return self.searched
-        groups = [None, *([vector] for vector in self._jumping_vectors)]
-        return tuple(self._combine_and_test(self._make_jump_matrix(step, group))[2] for group in groups)
+        vector_groups = [None, *([vector] for vector in self._jumping_vectors)]
+        return tuple(self._combine_and_test(self._make_jump_matrix(step, vectors))[2] for vectors in vector_groups)
 
-    def _list_level_facts(self, long):
+    def _list_level_and_jump_facts(self, long):
         """List the value of each vector between the steps, and the p-values of the jumps."""
         facts, unknowns = [], self.unknowns
         for catalogue in unknowns.turned if unknowns.steps else ():
             for vector in self._jumping_vectors:
                 for label, magnitude in unknowns.levels:
                     level = self.vector(vector, magnitude, catalogue=catalogue)
-                    values = ", ".join(format_values(level.value, level.sigma))
-                    facts.append((f"{vector} of {catalogue}, {label}", f"{values} {level.unit}"))
+                    components = ", ".join(format_values(level.value, level.sigma))
+                    facts.append((f"{vector} of {catalogue}, {label}", f"{components} {level.unit}"))
         for step in unknowns.steps if long else ():
             p_value, *p_values = self.jump_p_values(step)
             phrases = [
@@ -402,11 +402,11 @@ class FrameTie(FrameResult, NamedSolution):
 
     def _format_vector(self, name, catalogue):
         vector = self.vector(name, catalogue=catalogue)
-        p = self._combine_and_test(self.unknowns.combination(name, catalogue))[2]
-        if p < SEEN:
-            size = format_with_error(vector.amplitude, vector.amplitude_error)
-            return f"{size} {vector.unit}, p = {printed_p_value(p)}"
-        return f"not detected: < {vector.amplitude_limit():.3g} {vector.unit} (95 %), p = {printed_p_value(p)}"
+        p_value = self._combine_and_test(self.unknowns.combination(name, catalogue))[2]
+        if p_value < SEEN:
+            amplitude = format_with_error(vector.amplitude, vector.amplitude_error)
+            return f"{amplitude} {vector.unit}, p = {printed_p_value(p_value)}"
+        return f"not detected: < {vector.amplitude_limit():.3g} {vector.unit} (95 %), p = {printed_p_value(p_value)}"
 
     def to_table(self) -> Table:
         """Parameters with their errors, units and correlations as an astropy Table, a row each; tests in its meta."""
@@ -417,8 +417,8 @@ class FrameTie(FrameResult, NamedSolution):
         table.meta |= {"chi2": self.chi2, "dof": self.dof, "summary": self.verdict}
         endings = ["", *(f"_{vector}" for vector in self._jumping_vectors)]
         for step in self.unknowns.steps:
-            for ending, p in zip(endings, self.jump_p_values(step), strict=True):
-                table.meta[f"p_value_jump_{step:g}{ending}"] = p
+            for ending, p_value in zip(endings, self.jump_p_values(step), strict=True):
+                table.meta[f"p_value_jump_{step:g}{ending}"] = p_value
         return table
 
     def _format_tails(self):
@@ -452,18 +452,18 @@ def make_frame_tie(
 ) -> FrameTie:
     """The solution of nodes of the likelihood, with what each source has to do with it."""
     values, covariance, probabilities = combine_nodes(nodes)
-    best = nodes[int(np.argmax(probabilities))]
+    best_node = nodes[int(np.argmax(probabilities))]
     outlier = np.sum([w * node.outlier for w, node in zip(probabilities, nodes, strict=True)], axis=0)
-    d = rows.dims
+    sizes = rows.dims
     residuals = rows.rhs - rows.design @ values
-    chi2 = np.bincount(rows.source, residuals**2, minlength=len(d))
+    chi2 = np.bincount(rows.source, residuals**2, minlength=len(sizes))
     influence = estimate_influence(nodes, probabilities, rows, prior, values) / np.sqrt(np.diag(covariance))
-    information = (np.linalg.inv(covariance) - prior[0]) / len(d)
+    information = (np.linalg.inv(covariance) - prior[0]) / len(sizes)
     return FrameTie(
         names=unknowns.names, values=values, covariance=covariance, chi2=float(chi2.sum()), n_data=len(rows.rhs),
         frame="icrs", notes=notes, unknowns=unknowns, reference=reference, sources=rows.names, magnitude=rows.magnitude,
-        rows=rows.rows, distances=np.sqrt(chi2 / d), outlier=outlier, influence=influence, tails=best.tails,
-        scale=best.scale, excess=best.excess, information=information,
+        rows=rows.rows, distances=np.sqrt(chi2 / sizes), outlier=outlier, influence=influence, tails=best_node.tails,
+        scale=best_node.scale, excess=best_node.excess, information=information,
         log_evidence=float(logsumexp([node.log_evidence for node in nodes])),
     )  # fmt: skip
 
@@ -500,9 +500,9 @@ class LinkPlan(Result):
         return f"<LinkPlan: {len(self.candidates)} candidates, {self.candidates[0]} first>"
 
     def _sections(self, long):
-        today = ", ".join(f"{name} {error:.3g}" for name, error in zip(self.names, self.before, strict=True))
+        errors_today = ", ".join(f"{name} {error:.3g}" for name, error in zip(self.names, self.before, strict=True))
         rows = range(len(self.candidates) if long else min(_MOST_PLANNED, len(self.candidates)))
-        facts, forms = [("errors today", today)], {"gain": ".3f"}
+        facts, forms = [("errors today", errors_today)], {"gain": ".3f"}
         return (Section("What to observe next", facts, self.to_table(), rows=rows, forms=forms),)
 
     def to_table(self) -> Table:
@@ -548,22 +548,22 @@ def forecast(solution: FrameTie, candidates: AstrometryRows) -> LinkPlan:
     and scale) is that found in `solution`, averaged over simulated skies.
     """
     fixed = {name: epoch for name, epoch in solution.fixed.items() if name in candidates.catalogues}
-    raw, _ = make_equations(candidates, solution.unknowns, fixed=fixed, aberration=None)
-    rows = raw.eliminate_stars(solution.excess, solution.reference)
-    tails, d = solution.tails, rows.dims
-    ratio = (1 - tails.share) * (tails.nu + d) / (tails.nu + d + 2) / solution.scale**2
-    information = [w * rows.design[s].T @ rows.design[s] for w, s in zip(ratio, rows.source_slices, strict=True)]
-    matrix = np.linalg.inv(solution.covariance)
+    equations, _ = make_equations(candidates, solution.unknowns, fixed=fixed, aberration=None)
+    rows = equations.eliminate_stars(solution.excess, solution.reference)
+    tails, n_differences = solution.tails, rows.dims
+    mean_weights = (1 - tails.share) * (tails.nu + n_differences) / (tails.nu + n_differences + 2) / solution.scale**2
+    information = [w * rows.design[s].T @ rows.design[s] for w, s in zip(mean_weights, rows.source_slices, strict=True)]
+    total_information = np.linalg.inv(solution.covariance)
     remaining = list(range(len(information)))
-    order, gains, sigmas = [], [], []
+    chosen, gains, sigmas = [], [], []
     while remaining:
-        log_det = np.linalg.slogdet(matrix)[1]
-        gain = np.array([np.linalg.slogdet(matrix + information[i])[1] - log_det for i in remaining]) / 2
-        best = int(gain.argmax())
-        order.append(remaining.pop(best))
-        gains.append(gain[best])
-        matrix = matrix + information[order[-1]]
-        sigmas.append(np.sqrt(np.diag(np.linalg.inv(matrix))))
+        log_det = np.linalg.slogdet(total_information)[1]
+        gain = np.array([np.linalg.slogdet(total_information + information[i])[1] - log_det for i in remaining]) / 2
+        best_index = int(gain.argmax())
+        chosen.append(remaining.pop(best_index))
+        gains.append(gain[best_index])
+        total_information = total_information + information[chosen[-1]]
+        sigmas.append(np.sqrt(np.diag(np.linalg.inv(total_information))))
     return LinkPlan(
-        solution.names, tuple(rows.names[i] for i in order), np.array(gains), np.array(sigmas), solution.sigma
+        solution.names, tuple(rows.names[i] for i in chosen), np.array(gains), np.array(sigmas), solution.sigma
     )

@@ -9,7 +9,7 @@ from scipy.linalg import block_diag
 import fit
 import sim
 from fit.background._blocks import ClassEquations, ClassLikelihood, map_parities, reduce_class_equations
-from fit.motions.shear import COMPONENT_INDICES, _is_own_mode, compare_expansions, expansion, from_tensor, to_tensor
+from fit.motions.shear import COMPONENT_INDICES, _mask_own_modes, compare_expansions, expansion, from_tensor, to_tensor
 from vsh import Coefficients, Field, Mode, Modes, ModesError, ParameterError
 from vsh.models.covariance import Spectrum
 
@@ -131,7 +131,7 @@ def bins(k=3, n=4000, sigma=100.0, grows=0.0, seed=0, shared=0.0):
 def test_free_modes_by_the_dense_covariance():
     """Degree 1 and the expansion of three classes: mean and covariance of all coefficients' joint inverse."""
     modes, k = Modes(4), 3
-    own = _is_own_mode(modes)
+    own = _mask_own_modes(modes)
     assert own.sum() == 11
     normals = [fit.normal_equations(sky(800, seed), 4) for seed in range(k)]
     parts = ClassEquations.from_separate_classes([reduce_class_equations(each, modes, False, own) for each in normals])

@@ -10,7 +10,7 @@ from scipy.stats import ncx2
 
 import sim
 from fit import pairs
-from fit.pairs._correlation import _compute_limits
+from fit.pairs._correlation import _compute_interval
 from fit.pairs._sums import _compute_cross_terms, find_covariance, sum_pairs
 from vsh import Coefficients, Field, FieldError, ParameterError
 from vsh.io.parts import as_parts
@@ -259,16 +259,16 @@ def test_limits_of_templates_invert_the_chance_of_squares():
         for power in (0.5, 20.0):
             s2 = 1.7
             sigma = np.sqrt(2 * k * s2**2 + 4 * s2 * power)
-            low, high = _compute_limits(power, sigma, k, 0.025, np.inf)
+            low, high = _compute_interval(power, sigma, k, 0.025, np.inf)
             assert_allclose(ncx2.cdf(power / s2 + k, k, high / s2), 0.025, rtol=0.02)
             if low > 0:
                 assert_allclose(ncx2.sf(power / s2 + k, k, low / s2), 0.025, rtol=0.02)
-    assert _compute_limits(-4.0, 3.0, 3.0, 0.025, 40.0)[0] == 0.0
+    assert _compute_interval(-4.0, 3.0, 3.0, 0.025, 40.0)[0] == 0.0
     # Of thousands of effective sources and a strong signal, where scipy's function is nan below 1e-28.
     for k, power in ((13.0, 10.0), (35.0, 3.0), (35.0, 30.0)):
-        known, thousands = (_compute_limits(power, 1.0, k, 0.025, dof) for dof in (np.inf, 1e4))
+        known, thousands = (_compute_interval(power, 1.0, k, 0.025, dof) for dof in (np.inf, 1e4))
         assert_allclose(thousands, known, rtol=1e-12)  # 10⁴ is where the degrees of freedom are taken as all
-        assert_allclose(thousands, _compute_limits(power, 1.0, k, 0.025, 3e3), rtol=0.02)
+        assert_allclose(thousands, _compute_interval(power, 1.0, k, 0.025, 3e3), rtol=0.02)
 
 
 @pytest.mark.slow

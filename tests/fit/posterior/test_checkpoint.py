@@ -11,7 +11,7 @@ from conftest import ROOT, few_or_many
 
 import sim
 from fit.posterior import Flat, Posterior, sample
-from fit.posterior._sampling import split_r_hat
+from fit.posterior._sampling import compute_split_r_hat
 from vsh.tools.errors import CheckpointError
 from vsh.tools.files import atomic_write
 
@@ -178,6 +178,6 @@ def test_halves_that_differ_are_seen_in_r_hat():
     """By the formula, of walkers that wander off by four of their widths from the first half to the second."""
     noise = np.random.default_rng(2).normal(size=(2000, 8, 1))
     drift = np.repeat([0.0, 4.0], 1000)[:, None, None]
-    one, away = split_r_hat(noise)[0], split_r_hat(noise + drift)[0]
+    one, away = compute_split_r_hat(noise)[0], compute_split_r_hat(noise + drift)[0]
     assert 0.999 < one < 1.01
     assert away == pytest.approx(np.sqrt(1 + 4.0**2 * 16 / 15 / 4), rel=0.02)  # 16 halves, eight of them four away

@@ -363,9 +363,9 @@ def test_conditional_is_the_integral_over_velocities(velocity):
     hubble = np.array([[45.0], [70.0], [110.0]])
     log, mean, _ = model.marginalise_velocity(hubble)
     ratio = hubble / model.likelihood.hubble
-    coordinates = np.column_stack([mean * ratio if model.along == "u" else mean, hubble])
-    _, _, matrix = model.likelihood(model.likelihood_arguments(hubble)[0])
-    if model.along == "v":
+    coordinates = np.column_stack([mean * ratio if model.letter == "u" else mean, hubble])
+    _, _, matrix = model.likelihood(model.compute_likelihood_arguments(hubble)[0])
+    if model.letter == "v":
         matrix = matrix * ratio[:, :, None] ** 2
     by_hand = model.log_probability(coordinates) - np.linalg.slogdet(matrix)[1] / 2
     np.testing.assert_allclose(np.diff(log), np.diff(by_hand), atol=1e-9)

@@ -19,7 +19,7 @@ import fit.commands.redshift
 import study.commands.forecast
 import study.commands.referee
 import study.commands.waves
-from fit.posterior._plot import format_label
+from fit.posterior._plot import format_quantity_label
 from sim.commands import simulate
 from vsh.io.quantities import latex_table, symbol
 
@@ -31,7 +31,7 @@ CLASSES = {
 
 @for_each(["H0", "v_x", "a_x", "excess_noise"])
 def test_one_symbol_in_figures_and_latex(name):
-    assert format_label(name).startswith(symbol(name))
+    assert format_quantity_label(name).startswith(symbol(name))
     assert symbol(name) in latex_table(Table({"parameter": [name], "value": [1.0]}))
     assert symbol(name).startswith("$")
 
