@@ -361,7 +361,7 @@ class VelocitySolution(ParallaxSolution):
     @property
     def velocity(self) -> Vector:
         """v, a Vector in km/s, toward the apex."""
-        return self._vector("v", "km/s")
+        return self._make_vector("v", "km/s")
 
     @property
     def apex(self) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 
 from fit.results.output._text import format_squared_unit
 from fit.results.quality import ErrorSource
-from fit.results.spectrum import spectrum, wilson_hilferty
+from fit.results.spectrum import compute_wilson_hilferty_z, spectrum
 from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field, SourcesWithErrors
 from vsh.figures.plot import (
@@ -223,7 +223,7 @@ def plot_residuals(
     chi2, n_sources = as_parts(field, SourcesWithErrors).sum(sum_by_pixel, roles=(), words="residuals")
     dof = n_sources * solution.modes.components
     with np.errstate(divide="ignore", invalid="ignore"):
-        deviates = np.where(dof > 0, wilson_hilferty(chi2, dof), np.nan)
+        deviates = np.where(dof > 0, compute_wilson_hilferty_z(chi2, dof), np.nan)
     finite_deviates = deviates[np.isfinite(deviates)]
     colour_limit = float(np.clip(np.percentile(np.abs(finite_deviates), 98), 3, None)) if finite_deviates.size else 3.0
     errors_suffix = " by the errors of the robust fit" if weights is not None else " by the catalogue's errors"
