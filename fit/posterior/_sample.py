@@ -21,9 +21,9 @@ from fit.secular_parallax import (
     DistanceModel,
     ParallaxEquations,
     ParallaxParts,
-    flow_covariance,
-    local_group_of,
-    notes_on_group,
+    compute_flow_covariance,
+    make_local_group_measurement,
+    make_notes_on_local_group,
     warn_of_undeclared_frame,
 )
 from vsh.field import MEASURED, Field
@@ -61,21 +61,21 @@ def make_equations_and_priors(
     rows = warn_of_undeclared_frame(rows, field, model.redshift_frame)
     if rows.left_out is not None:
         rows = replace(rows, notes=(_format_omitted_flow_note(rows, model_priors), *rows.notes))
-    group = local_group_of(priors.local_group, rows)
+    group = make_local_group_measurement(priors.local_group, rows)
     if group is not None and "flow_amplitude" in model_priors.free:
         raise ParameterError("the Local Group tells a flow of known amplitude: leave out local_group or flow_amplitude")
     if rows.modes is not None:
         flows = f"{len(rows.modes)} modes of {rows.modes.theory.name}" + (", and the Local Group" if group else "")
         model_priors = replace(model_priors, flows=flows, group=group)
     frame = model.redshift_frame or declared_frame(first_field)
-    rows = replace(rows, notes=(*rows.notes, *notes_on_group(rows, priors.local_group, frame)))
+    rows = replace(rows, notes=(*rows.notes, *make_notes_on_local_group(rows, priors.local_group, frame)))
     return rows, model_priors
 
 
 def _format_omitted_flow_note(equations, model_priors):
     """Note on what omitted flows would add."""
     sums = equations.left_out.sums(model_priors.typical_dispersion, 0.0, equations.n_data // 2)
-    flow_errors = np.sqrt(np.diag(flow_covariance(sums, np.eye(9)[:, : OMEGA.start], 1.0)))
+    flow_errors = np.sqrt(np.diag(compute_flow_covariance(sums, np.eye(9)[:, : OMEGA.start], 1.0)))
     return (
         "warning: not in the intervals: flows of linear theory, which galaxies share, add about "
         f"± {np.sqrt(np.mean(flow_errors[:3] ** 2)):.0f} km/s to each component of v H0/H_ref, and ± "
