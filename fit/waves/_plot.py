@@ -19,13 +19,15 @@ def plot_search(search: Any, *, ax: OnAxes | None = None) -> AxesArray:
         "looked at"
     )
     subplots = panels(ax, 2, 1, size=(WIDTH, 5.2))
-    for panel, map_values, label, cmap, title in (
+    for panel_index, map_values, label, cmap, title in (
         (0, search.statistic, "2F of a wave that travels there", "viridis", heading),
         (1, search.limits, f"95 % limit on its amplitude  [{search.unit}]", "cividis", None),
     ):
-        subplots[panel] = plot_map(map_values, label, frame=search.frame, cmap=cmap, title=title, ax=subplots[panel])
+        subplots[panel_index] = plot_map(
+            map_values, label, frame=search.frame, cmap=cmap, title=title, ax=subplots[panel_index]
+        )
         draw_points(
-            subplots[panel],
+            subplots[panel_index],
             *np.radians(search.direction),
             marker="+",
             s=60,
@@ -48,8 +50,8 @@ def plot_spectrum(spectrum: Any, *, ax: Axes | None = None) -> Axes:
         axes.fill_between(frequencies, limits[:, 0], limits[:, 2], color=COLOURS[0], alpha=0.25, lw=0, label=label)
     else:
         axes.vlines(frequencies, limits[:, 0], limits[:, 2], color=COLOURS[0], label=label)
-    style = "o" if not is_dense else "o-" if len(frequencies) < 60 else "-"
-    axes.plot(frequencies, limits[:, 1], style, ms=3, color=COLOURS[0], label="median direction")
+    line_style = "o" if not is_dense else "o-" if len(frequencies) < 60 else "-"
+    axes.plot(frequencies, limits[:, 1], line_style, ms=3, color=COLOURS[0], label="median direction")
     axes.set(yscale="log", xlabel="frequency  [1/yr]", ylabel="95 % limit on the strain  [10⁻⁹]")
     axes.margins(y=0.1)
     set_log_ticks(axes.yaxis, *axes.get_ylim())
