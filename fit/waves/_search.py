@@ -589,8 +589,8 @@ def _search_frequency(equations: TimeEquations, frequency, nside, n_skies, rng):
         examples = "; ".join(equations.named(unknowns, eigenvectors[:, i], 2) for i in lost_indices[:3])
         notes = (
             *notes,
-            f"at {frequency:.4g} per year {len(lost_indices)} of {len(unknowns)} combinations are absorbed by the sources' "
-            f"own parallaxes, positions and motions: {examples}{'; …' if len(lost_indices) > 3 else ''}",
+            f"at {frequency:.4g} per year {len(lost_indices)} of {len(unknowns)} combinations are absorbed by the "
+            f"sources' own parallaxes, positions and motions: {examples}{'; …' if len(lost_indices) > 3 else ''}",
         )
     attributes = {
         "degrees": tuple(range(2, modes.lmax + 1)),

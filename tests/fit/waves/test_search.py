@@ -11,7 +11,7 @@ import sim
 from fit.waves import search, search_in_time
 from fit.waves._search import (
     WhitenedData,
-    _compute_whitened_templates,
+    _compute_templates_and_covariance,
     compute_simulated_p_value,
     draw_noise_maxima,
     search_directions,
@@ -85,7 +85,7 @@ def test_error_of_an_amplitude_on_an_even_sky():
 def test_limits_hold():
     """95 % limits on a wave of 0, 1.5 and 4 errors, of any polarisation, lie above it in 95 % of the skies or more."""
     white, modes = whitened(sky(), 3)
-    seen, inverse = _compute_whitened_templates(white, modes, 2, 1)
+    seen, inverse = _compute_templates_and_covariance(white, modes, 2, 1)
     seen, inverse, rng = seen[:, :, 5], inverse[5], np.random.default_rng(2)
     spread = np.sqrt(np.trace(inverse) / 2)
     for size in (0.0, 1.5, 4.0):
