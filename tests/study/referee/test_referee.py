@@ -21,6 +21,7 @@ from study.referee._sections import (
     _repeat_galaxy_motions,
     make_all_checks,
 )
+from study.referee.page import make_html_page
 from vsh import Field
 from vsh.tools.digits import printed_p_value
 from vsh.tools.errors import DegeneracyError, TableError
