@@ -162,8 +162,8 @@ def _bootstrap_scores(sky, solution, n_replicates, rng, progress):
     )
     score_sums = sky.sum(sum_scores, roles=(), words="bootstrap", progress=progress)
     # The covariance of `solution` is N⁻¹ of the whole catalogue; the same matrix serves all draws.
-    replicates = solution.values + score_sums["steps"] @ solution.covariance
-    dof = score_dof(score_sums["squares"], solution.modes)
+    replicates = solution.values + score_sums["scores"] @ solution.covariance
+    dof = score_dof(score_sums["squared leverages"], solution.modes)
     return ResampledFit("one-step bootstrap", solution, replicates, np.cov(replicates, rowvar=False), dof)
 
 
@@ -197,7 +197,7 @@ def _sum_drawn_scores(
     score_sums = sum(
         map_blocks(sum_chunk_scores, len(field), chunk_size), np.zeros((n_replicates, len(solution.modes)))
     )
-    return {"steps": score_sums, "squares": float(leverages @ leverages)}
+    return {"scores": score_sums, "squared leverages": float(leverages @ leverages)}
 
 
 #: Largest size of the normal matrices of all blocks together; more is refused. [bytes]
@@ -321,10 +321,10 @@ def _count_blocks_and_make_normals(field, modes, nside, progress):
     """Count the HEALPix blocks that contain sources, and iterate over their normal equations."""
     words, is_parts = f"blocks, nside {nside}", isinstance(field, Parts)
     if is_parts:
-        sums = field.sum(
+        moments_by_block = field.sum(
             partial(_sum_moments_by_block, modes=modes, nside=nside), roles=(), words=words, progress=progress
         )
-        blocks = [sums[pixel] for pixel in sorted(sums)]
+        blocks = [moments_by_block[pixel] for pixel in sorted(moments_by_block)]
     else:
         pixel_numbers = pixels_of(field.lon, field.lat, nside)
         order = np.argsort(pixel_numbers, kind="stable")
@@ -420,7 +420,7 @@ def compare_blocks(
     best = next(
         row
         for i, row in enumerate(rows)
-        if all(not _has_error_ratio_grown(row, larger_row) for larger_row in rows[i + 1 :])
+        if all(not _has_error_ratio_grown(row, larger_blocks_row) for larger_blocks_row in rows[i + 1 :])
     )
     return rows, best, _format_block_advice(rows, best)
 
@@ -445,8 +445,8 @@ def _compute_block_errors(resampled, nside):
     return BlockErrors(nside, 58.6 / nside, n_blocks, ratio, ratio / np.sqrt(2 * 6 * (n_blocks - 1)), resampled)
 
 
-def _has_error_ratio_grown(row, larger_row):
-    return larger_row.ratio - row.ratio > 3 * np.hypot(row.ratio_error, larger_row.ratio_error)
+def _has_error_ratio_grown(row, larger_blocks_row):
+    return larger_blocks_row.ratio - row.ratio > 3 * np.hypot(row.ratio_error, larger_blocks_row.ratio_error)
 
 
 def _format_block_advice(rows, best):

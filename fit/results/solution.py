@@ -397,7 +397,7 @@ class Solution(LinearSolution):
         from fit.results.output import vectors_of
 
         formal = vectors_of(self.formal)
-        rows = self._list_mean_rows() + [
+        rows = self._make_mean_rows() + [
             (f"{name}_{axis}", value, error, formal_error, value - error, value + error)
             for name, vector in vectors_of(self).items()
             for axis, value, error, formal_error in zip(
@@ -407,7 +407,7 @@ class Solution(LinearSolution):
         names = ("parameter", "value", "error", "formal_error", "low_68", "high_68")
         return tables.table_of_rows(names, rows, {"frame": self.frame}, dict.fromkeys(names[1:], self.unit))
 
-    def _list_mean_rows(self):
+    def _make_mean_rows(self):
         """The row of the mean, of a scalar field alone."""
         return []
 
@@ -609,7 +609,7 @@ class ScalarSolution(Solution):
         """The mean over the sky with its error, f_00/√4π; for degree 0 the weighted mean of the sources."""
         return float(self.values[0] / np.sqrt(4 * np.pi)), float(self.sigma[0] / np.sqrt(4 * np.pi))
 
-    def _list_mean_rows(self):
+    def _make_mean_rows(self):
         (value, error), formal = self.mean, float(self.formal.sigma[0] / np.sqrt(4 * np.pi))
         return [("mean", value, error, formal, value - error, value + error)]
 
@@ -741,6 +741,6 @@ class NamedSolution(LinearSolution):
         return plot_correlation(self, ax=ax)
 
     def _make_vector(self, name, unit="µas/yr"):
-        start = self.names.index(f"{name}_x")
-        components = slice(start, start + 3)
+        first_index = self.names.index(f"{name}_x")
+        components = slice(first_index, first_index + 3)
         return Vector(self.values[components], self.covariance[components, components], self.frame, unit)

@@ -267,9 +267,9 @@ class Result(Frozen):
 
     @classmethod
     def _unpack(cls, columns, metadata):
-        stored = metadata["fields"]  # an older version may not have had a field with a default
-        entries = [entry for entry in fields(cast(Any, cls)) if entry.name in stored or entry.default is MISSING]
-        return cls(**{entry.name: decode_value(stored[entry.name]) for entry in entries})
+        stored_fields = metadata["fields"]  # an older version may not have had a field with a default
+        entries = [entry for entry in fields(cast(Any, cls)) if entry.name in stored_fields or entry.default is MISSING]
+        return cls(**{entry.name: decode_value(stored_fields[entry.name]) for entry in entries})
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
@@ -394,15 +394,15 @@ def _find_result_class(class_name, module):
     return _RESULT_CLASSES[class_name]
 
 
-def _check_packed_columns(result, columns, table):
+def _check_packed_columns(result, read_columns, table):
     """Packed again, the result must give the columns that were read, in their order and units."""
     from astropy.units import Unit
 
     packed_columns, _, units = result._pack()
-    if set(packed_columns) != set(columns):
-        raise TableError(f"columns {', '.join(sorted(set(packed_columns) ^ set(columns)))}")
+    if set(packed_columns) != set(read_columns):
+        raise TableError(f"columns {', '.join(sorted(set(packed_columns) ^ set(read_columns)))}")
     for name, values in packed_columns.items():
-        if not is_same_value(np.asarray(values).astype(columns[name].dtype), columns[name]):
+        if not is_same_value(np.asarray(values).astype(read_columns[name].dtype), read_columns[name]):
             raise TableError(f"column {name} does not go with the others")
         unit, expected_unit = table[name].unit, units.get(name)
         if (unit is None) != (expected_unit is None) or (expected_unit is not None and unit != Unit(expected_unit)):
@@ -410,8 +410,8 @@ def _check_packed_columns(result, columns, table):
 
 
 def _check_file_suffix(path):
-    name = str(path).lower().removesuffix(".gz")
-    if not name.endswith((".ecsv", ".fits", ".fit")):
+    lower_name = str(path).lower().removesuffix(".gz")
+    if not lower_name.endswith((".ecsv", ".fits", ".fit")):
         raise TableError(f"{printable(path)}: results are written as .ecsv or .fits, which keep every bit")
 
 

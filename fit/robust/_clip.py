@@ -391,9 +391,9 @@ def excess_noise(
             f"the excess noise has not settled after {likelihood.n_rounds} fits: it is {distance_text} of its errors "
             f"from the maximum of the likelihood; allow more than max_rounds={max_rounds}"
         )
-    noise_unit = likelihood.unit
+    noise_unit = likelihood.noise_unit
     noisy_sky = sky.map(likelihood.make_error_model(parameters))
-    solution = solve(likelihood.compute_sums(parameters)["normal"])
+    solution = solve(likelihood.compute_likelihood_sums(parameters)["normal"])
     covariance, dof = sandwich(noisy_sky, partial(_compute_unit_score_factors, solution=solution), modes)
     noise_sigma = noise_unit * np.sqrt(parameters[0])
     # From the variance s² to s; at the boundary s = 0 the error is the s at one error of s².
@@ -469,31 +469,33 @@ def _sum_restricted_likelihood_terms(field, error_model, modes):
 class _RestrictedLikelihood:
     """−ln of the restricted likelihood a source, of s² (in units of the mean variance by weight) and f²."""
 
-    def __init__(self, sky, modes, scale):
-        self.sky, self.modes, self.scale = sky, modes, scale
+    def __init__(self, sky, modes, is_scale_free):
+        self.sky, self.modes, self.is_scale_free = sky, modes, is_scale_free
         self.n_sources, information = sky.sum(_count_and_sum_weights, roles=(), words="excess noise")
-        self.unit = float(np.sqrt(modes.components * self.n_sources / information))
+        self.noise_unit = float(np.sqrt(modes.components * self.n_sources / information))
         self.n_rounds = 0
-        self.last: tuple[Any, Any] = (None, None)
+        self.cached_sums: tuple[Any, Any] = (None, None)
 
     def make_error_model(self, parameters):
         """The step to the field with errors f² C + s² I."""
-        return EnlargedErrors(float(parameters[0]) * self.unit**2, float(parameters[1]) if self.scale else 1.0)
+        return EnlargedErrors(
+            float(parameters[0]) * self.noise_unit**2, float(parameters[1]) if self.is_scale_free else 1.0
+        )
 
-    def compute_sums(self, parameters):
+    def compute_likelihood_sums(self, parameters):
         """Sums over all sources, cached."""
         key = tuple(map(float, parameters))
-        if key != self.last[0]:
+        if key != self.cached_sums[0]:
             self.n_rounds += 1
             sum_terms = partial(
                 _sum_restricted_likelihood_terms, error_model=self.make_error_model(parameters), modes=self.modes
             )
-            self.last = key, self.sky.sum(sum_terms, roles=(), words=f"excess noise, trial {self.n_rounds}")
-        return self.last[1]
+            self.cached_sums = key, self.sky.sum(sum_terms, roles=(), words=f"excess noise, trial {self.n_rounds}")
+        return self.cached_sums[1]
 
     def compute_loss_and_gradient(self, parameters):
         """Value and gradient."""
-        sums = self.compute_sums(parameters)
+        sums = self.compute_likelihood_sums(parameters)
         normal, n = sums["normal"], self.n_sources
         solution = solve(normal)
         values = solution.values
@@ -502,9 +504,9 @@ class _RestrictedLikelihood:
         matrix, rhs, weighted_residual_square = sums["squared"]
         residual_square = weighted_residual_square - 2 * values @ rhs + values @ matrix @ values
         noise_gradient = (sums["trace"] - residual_square - float(np.sum(solution.covariance * matrix))) / 2
-        gradient = [noise_gradient * self.unit**2]
-        if self.scale:  # ∂C/∂f² = (C − s² I)/f²
-            noise_variance = parameters[0] * self.unit**2
+        gradient = [noise_gradient * self.noise_unit**2]
+        if self.is_scale_free:  # ∂C/∂f² = (C − s² I)/f²
+            noise_variance = parameters[0] * self.noise_unit**2
             gradient.append(
                 ((self.modes.components * n - solution.chi2 - len(self.modes)) / 2 - noise_variance * noise_gradient)
                 / parameters[1]
@@ -513,7 +515,7 @@ class _RestrictedLikelihood:
 
     def find_likeliest_parameters(self, max_rounds, tolerance):
         """The parameters of the largest likelihood, searched along ln(1 + s²) and ln f²."""
-        log_start = np.array([np.log1p(max(self.estimate_excess_variance(), 1e-2)), 0.0][: 1 + self.scale])
+        log_start = np.array([np.log1p(max(self.estimate_excess_variance(), 1e-2)), 0.0][: 1 + self.is_scale_free])
         bounds = [(0.0, None), (np.log(1e-6), None)][: len(log_start)]
 
         def convert_to_parameters(log_parameters):
@@ -549,7 +551,7 @@ class _RestrictedLikelihood:
 
     def estimate_excess_variance(self):
         """s² by which χ² of the plain fit would be as expected, about, in units of the mean variance."""
-        solution = solve(self.compute_sums(np.array([0.0, 1.0]))["normal"])
+        solution = solve(self.compute_likelihood_sums(np.array([0.0, 1.0]))["normal"])
         return solution.chi2 / max(solution.dof, 1) - 1
 
     def compute_parameter_errors(self, parameters):
@@ -558,10 +560,10 @@ class _RestrictedLikelihood:
 
     def compute_expected_information(self, parameters):
         """The expected information of the parameters."""
-        sums, n = self.compute_sums(parameters), self.n_sources
-        information = np.array([[self.unit**4 * sums["trace of squares"]]])
-        if self.scale:
-            cross_information = self.unit**2 * sums["cross"] / parameters[1]
+        sums, n = self.compute_likelihood_sums(parameters), self.n_sources
+        information = np.array([[self.noise_unit**4 * sums["trace of squares"]]])
+        if self.is_scale_free:
+            cross_information = self.noise_unit**2 * sums["cross"] / parameters[1]
             scale_information = sums["own"] / parameters[1] ** 2
             information = np.array([[information[0, 0], cross_information], [cross_information, scale_information]])
         remaining_share = max(1 - len(self.modes) / (self.modes.components * n), 1e-3)

@@ -46,12 +46,12 @@ _LOWEST_LOG_NU, _HIGHEST_LOG_NU = np.log([0.5, 200.0])
 _LEAST_NU = 1.3
 
 
-def _solve_own_share_by_steps(weight, chi2, unit_share):
+def _solve_own_share_by_steps(t_weights, chi2, unit_share):
     """Newton's steps to where share and weight agree: it depends on u, and u on it, the less the larger it is."""
     share = np.zeros(len(chi2))
     for _ in range(_MOST_SHARE_STEPS):
         x2 = chi2 / (1 - share)
-        u, slope = weight(x2)
+        u, slope = t_weights(x2)
         step = (np.minimum(unit_share * u, 0.9) - share) / (1 - unit_share * slope * x2 / (1 - share))
         share = np.clip(share + step, 0.0, 0.9)
         if np.max(np.abs(step)) < 1e-13:
@@ -346,8 +346,8 @@ def student_t(
     standard errors, p-values and limits use.
     """
     modes, sky = modes_for(field, modes), _add_noise_to_errors(field, noise)
-    weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
-    fit_results = _fit_plain_and_reweighted(sky, modes, weight, tolerance, max_rounds, least_nu)
+    t_weights = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
+    fit_results = _fit_plain_and_reweighted(sky, modes, t_weights, tolerance, max_rounds, least_nu)
     fitted = _make_reweighted_fit(sky, "the catalogue with the noise" if noise else "the catalogue", *fit_results)
     if noise:  # χ² is that of the catalogue's errors, as without a noise
         chi2 = as_parts(field, SourcesWithErrors).sum(partial(_sum_chi2, solution=fitted.solution), roles=())
@@ -362,7 +362,7 @@ class TailsError(VshError, ValueError):
     """Tails so long that no fit without a noise will do."""
 
 
-def _fit_plain_and_reweighted(sky, modes, weight, tolerance, max_rounds, least_nu=0.0):
+def _fit_plain_and_reweighted(sky, modes, t_weights, tolerance, max_rounds, least_nu=0.0):
     """Iterate the weighted fit until no coefficient moves by `tolerance` of its error.
 
     Returns the plain fit, the weighted one, its weights, the rounds, and the total weight where the last round knew it.
@@ -371,8 +371,8 @@ def _fit_plain_and_reweighted(sky, modes, weight, tolerance, max_rounds, least_n
     plain = solve(normal)
     if plain.n_sources >= max(_SAMPLE, 2 * _SOURCES_PER_COEFFICIENT * len(modes)):
         with suppress(ConvergenceError, DegeneracyError):
-            return plain, *_fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least_nu)
-    fit_from = partial(_fit_by_rounds, sky, plain, weight, information, tolerance, max_rounds)
+            return plain, *_fit_by_newton(sky, plain, t_weights, information, tolerance, max_rounds, least_nu)
+    fit_from = partial(_fit_by_rounds, sky, plain, t_weights, information, tolerance, max_rounds)
     try:
         return plain, *fit_from(plain.values), None
     except (ConvergenceError, DegeneracyError):
@@ -380,7 +380,7 @@ def _fit_plain_and_reweighted(sky, modes, weight, tolerance, max_rounds, least_n
         return plain, *fit_from(np.zeros(len(modes))), None
 
 
-def _fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least_nu):
+def _fit_by_newton(sky, plain, t_weights, information, tolerance, max_rounds, least_nu):
     """The weighted fit of many sources by Newton's steps, each one pass: from that of a sample, or the plain one.
 
     The curvature is the plain matrix times ⟨ψ'⟩, which is that of the scores but for what the residuals of a place have
@@ -389,22 +389,26 @@ def _fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least
     n, modes = plain.n_sources, plain.modes
     if n < _MANY:
         leverage, values = len(modes) / modes.components / information, plain.values
-        weight = weight.fit_nu(sky, SourceWeights(plain, weight, leverage), _LABEL)
+        t_weights = t_weights.fit_nu(sky, SourceWeights(plain, t_weights, leverage), _LABEL)
     else:
         sample_sources = sample_of(sky, max(_SAMPLE, _SOURCES_PER_COEFFICIENT * len(modes), n // 100), n, draw=1)
         if not len(modes) < len(sample_sources) < n / 2:
             raise ConvergenceError(f"{len(sample_sources)} of {n} sources are no sample: are many at one place?")
         sample_parts = as_parts(sample_sources, SourcesWithErrors)
         _, solution, weigher, _, _ = _fit_plain_and_reweighted(
-            sample_parts, modes, weight, _SAMPLE_TOLERANCE, max_rounds
+            sample_parts, modes, t_weights, _SAMPLE_TOLERANCE, max_rounds
         )
-        leverage, values, weight = weigher.leverage * len(sample_parts.in_memory) / n, solution.values, weigher.weight
-        if weight.nu < least_nu:
-            raise TailsError(f"ν = {weight.nu:.2g} in a sample of the sources")
+        leverage, values, t_weights = (
+            weigher.leverage * len(sample_parts.in_memory) / n,
+            solution.values,
+            weigher.weight,
+        )
+        if t_weights.nu < least_nu:
+            raise TailsError(f"ν = {t_weights.nu:.2g} in a sample of the sources")
     inverse_hessian, previous_change = None, 0.0
     for rounds in range(1, _MOST_STEPS + 1):
         solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
-        weigher, words = SourceWeights(solution, weight, leverage), f"{_LABEL}, step {rounds}"
+        weigher, words = SourceWeights(solution, t_weights, leverage), f"{_LABEL}, step {rounds}"
         sums = sky.sum(partial(_sum_newton_terms, weigher=weigher), roles=(), words=words)
         step = plain.covariance @ sums["score"] * (sums["information"] / sums["ψ'"])
         step = step if inverse_hessian is None else inverse_hessian @ sums["score"]
@@ -414,7 +418,7 @@ def _fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least
             )
             step = inverse_hessian @ sums["score"]
         values = values + step
-        weight, change = weight.take_newton_step(sums, n)
+        t_weights, change = t_weights.take_newton_step(sums, n)
         leverage = len(modes) / modes.components / sums["u"]
         change = max(change, float(np.max(np.abs(step) / plain.sigma)))
         if change**2 < tolerance * max(previous_change, change):  # what is left for the next step
@@ -423,7 +427,7 @@ def _fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least
     else:
         raise ConvergenceError(f"{_LABEL} has not settled after {rounds} steps")
     solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
-    return solution, SourceWeights(solution, weight, leverage), rounds, (n, sums["u"])
+    return solution, SourceWeights(solution, t_weights, leverage), rounds, (n, sums["u"])
 
 
 def _sum_hessian(field, weigher, modes):
@@ -459,16 +463,16 @@ def _sum_newton_terms(field, weigher):
     return {"score": score, **dict(zip(names, map(float, sums), strict=True))}
 
 
-def _fit_by_rounds(sky, plain, weight, information, tolerance, max_rounds, values):
+def _fit_by_rounds(sky, plain, t_weights, information, tolerance, max_rounds, values):
     """The weighted fit, its weights and the number of rounds, from values of the coefficients to begin with."""
     modes, leverage = plain.modes, len(plain.modes) / plain.modes.components / information
     solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
     for rounds in range(1, max_rounds + 1):
         words = f"{_LABEL}, round {rounds}"
-        weigher = SourceWeights(solution, weight, leverage)
-        weight = weight.fit_nu(sky, weigher, words)
+        weigher = SourceWeights(solution, t_weights, leverage)
+        t_weights = t_weights.fit_nu(sky, weigher, words)
         cached_models = weigher.models
-        weigher = SourceWeights(solution, weight, leverage)
+        weigher = SourceWeights(solution, t_weights, leverage)
         weigher.models[:] = cached_models
         sums = sky.sum(partial(_sum_weighted_equations_and_scale, weigher=weigher, modes=modes), roles=(), words=words)
         solution = solve(sums["normal"])
@@ -482,7 +486,7 @@ def _fit_by_rounds(sky, plain, weight, information, tolerance, max_rounds, value
         raise ConvergenceError(
             f"the weights have not settled after {max_rounds} rounds: coefficients move by {largest_change:.1e} σ"
         )
-    return solution, SourceWeights(solution, weight, leverage), rounds
+    return solution, SourceWeights(solution, t_weights, leverage), rounds
 
 
 def _make_reweighted_fit(sky, errors_name, plain, solution, weigher, rounds, count_and_weight):

@@ -104,10 +104,10 @@ class ParallaxEquations:
         if n <= n_sources:
             return self
         sensitivity = self.rate[:n] ** 2 * (1 / self.variance[:n] + 1 / self.variance[n:])
-        sources = np.sort(np.argpartition(-sensitivity, n_sources)[:n_sources])
-        rows = np.r_[sources, sources + n]
-        flow = None if self.flow is None else self.flow.select(sources[sources < len(self.flow.lon)])
-        columns = {name: getattr(self, name)[rows] for name in ("design", "motion", "variance", "rate", "left")}
+        source_numbers = np.sort(np.argpartition(-sensitivity, n_sources)[:n_sources])
+        row_numbers = np.r_[source_numbers, source_numbers + n]
+        flow = None if self.flow is None else self.flow.select(source_numbers[source_numbers < len(self.flow.lon)])
+        columns = {name: getattr(self, name)[row_numbers] for name in ("design", "motion", "variance", "rate", "left")}
         return replace(self, **columns, flow=flow)
 
     def sums(
@@ -119,12 +119,12 @@ class ParallaxEquations:
         n_variances, n = squared_scatters.shape[1], self.n_data // 2
         n_far_columns = self.design.shape[1] + 1
         n_near = 0 if self.flow is None else len(self.flow.lon)
-        far_rows = np.r_[n_near:n, n + n_near : 2 * n]
+        far_row_numbers = np.r_[n_near:n, n + n_near : 2 * n]
 
-        def compute_gram_and_logdet(row_numbers, flow_rows):
+        def compute_gram_and_logdet(row_numbers, flow_columns):
             base_variance = self.variance[row_numbers, None] + self.left[row_numbers, None] * ratio**2
             variance = self.rate[row_numbers, None] ** 2 * squared_scatters[0] + (base_variance + squared_scatters[1])
-            rows = np.concatenate([self.design[row_numbers].T, self.motion[row_numbers][None], *flow_rows])
+            rows = np.concatenate([self.design[row_numbers].T, self.motion[row_numbers][None], *flow_columns])
             return _compute_weighted_grams(rows, variance), np.log(variance).sum(0)
 
         def sum_near_chunk(chunk):
@@ -134,7 +134,7 @@ class ParallaxEquations:
             )
 
         def sum_far_chunk(chunk):
-            return compute_gram_and_logdet(far_rows[chunk], [])
+            return compute_gram_and_logdet(far_row_numbers[chunk], [])
 
         n_columns = n_far_columns + (0 if self.modes is None else len(self.modes))
         gram: Any = np.zeros((n_variances, n_columns, n_columns))
@@ -142,7 +142,7 @@ class ParallaxEquations:
         far_block_size = max(64, 2**20 // max(55, n_variances))
         jobs = (
             (sum_near_chunk, n_near, _NEAR_BLOCK_SIZE, n_columns),
-            (sum_far_chunk, far_rows.size, far_block_size, n_far_columns),
+            (sum_far_chunk, far_row_numbers.size, far_block_size, n_far_columns),
         )
         for sum_chunk, n_indices, block_size, width in jobs:
             for block, block_logdet in map_blocks(sum_chunk, n_indices, block_size, threads):
@@ -186,18 +186,18 @@ def make_field_equations(
     """The equations of a field."""
     k = inverse_distances(field, calibration, threads)
     distance = k.distance * calibration.little_h
-    mean, motion, notes = k.mean, field.motion, field.notes
+    mean_k, motion, notes = k.mean, field.motion, field.notes
     if reconstruction is not None:
         tangential_velocity, mean_shift, flow_notes = compute_known_flow(reconstruction, field, distance, k.slope)
-        mean = mean + np.clip(mean_shift, -mean / 2, mean)
-        motion, notes = motion - tangential_velocity * mean * np.where(k.own, 1.0, ratio), (*notes, *flow_notes)
+        mean_k = mean_k + np.clip(mean_shift, -mean_k / 2, mean_k)
+        motion, notes = motion - tangential_velocity * mean_k * np.where(k.own, 1.0, ratio), (*notes, *flow_notes)
     distance_ratio = np.where(k.own, ratio, 1.0)  # what is in Mpc moves by v/d, not by u/d
-    mean, variance_of_k = mean / distance_ratio, k.variance / distance_ratio**2
+    mean_k, variance_of_k = mean_k / distance_ratio, k.variance / distance_ratio**2
     p, q, _ = triad(field.lon, field.lat)
     cos, sin, major_variance, minor_variance = _compute_error_ellipses(field, calibration, k)
     own_mask = np.where(k.own & apart, 1.0, 0.0)
     # Our own motion moves sources by v/d_P, which in curved space is another distance than d_M.
-    parallax_rate = mean * parallax_factor(
+    parallax_rate = mean_k * parallax_factor(
         1 / (AU_PER_YEAR * np.where(k.own, k.mean / ratio, k.mean)), calibration.cosmology
     )
     velocity_columns = -parallax_rate * np.stack([p, q])
@@ -213,8 +213,10 @@ def make_field_equations(
         near_first = np.argsort(~is_near, kind="stable")
         near_indices = near_first[: is_near.sum()]
         residual_variance[is_near] = modes.left(distance[is_near])[0]
-        flow = FlowColumns(modes, *(array[near_indices] for array in (field.lon, field.lat, distance, mean, cos, sin)))
-    rate = np.sqrt(mean**2 + variance_of_k)
+        flow = FlowColumns(
+            modes, *(array[near_indices] for array in (field.lon, field.lat, distance, mean_k, cos, sin))
+        )
+    rate = np.sqrt(mean_k**2 + variance_of_k)
     scatter_variance, residual_variance = variance_of_k * velocity_variance, residual_variance * rate**2
     columns_by_name: dict[str, Any] = {
         "design": np.concatenate([cos * east + sin * north, cos * north - sin * east], axis=1).T,
@@ -234,17 +236,17 @@ def make_field_equations(
 
 def _compute_error_ellipses(field, calibration, k):
     """Direction and variances of error ellipses; circles where distances are unsure and only redshifts may weigh."""
-    (s1, s2), rho = field.sigma**2, field.rho
+    (v1, v2), rho = field.sigma**2, field.rho
     if calibration.errors is not None:
         is_uncertain = ~k.own & (np.sqrt(k.variance) > _SURE_RELATIVE_ERROR * k.mean)
-        mean = calibration.errors.at(k.redshift)
-        s1, s2 = (np.where(is_uncertain, mean, square) for square in (s1, s2))
+        typical_variance = calibration.errors.at(k.redshift)
+        v1, v2 = (np.where(is_uncertain, typical_variance, variance) for variance in (v1, v2))
         rho = np.where(is_uncertain, 0.0, rho)
-    covariance = rho * np.sqrt(s1 * s2)
-    angle = np.arctan2(2 * covariance, s1 - s2) / 2
-    mean, half_difference = (s1 + s2) / 2, np.hypot((s1 - s2) / 2, covariance)
-    major_variance = mean + half_difference
-    minor_variance = s1 * s2 * (1 - rho**2) / major_variance  # mean − half would cancel
+    covariance = rho * np.sqrt(v1 * v2)
+    angle = np.arctan2(2 * covariance, v1 - v2) / 2
+    mean_variance, half_difference = (v1 + v2) / 2, np.hypot((v1 - v2) / 2, covariance)
+    major_variance = mean_variance + half_difference
+    minor_variance = v1 * v2 * (1 - rho**2) / major_variance  # mean − half would cancel
     return np.cos(angle), np.sin(angle), major_variance, minor_variance
 
 
@@ -547,16 +549,16 @@ class LocalGroup:
         gain = design.T @ np.linalg.inv(self.covariance) / ratio**2
         mean = design.T @ np.linalg.solve(design @ design.T + self.covariance, self.velocity)
         pull = gain @ self.velocity
-        size = pull @ mean
+        information_on_h = pull @ mean
         matrix, rhs, chi2_null = sums.matrix.copy(), sums.rhs.copy(), sums.chi2_null
         matrix[width:, width:] += gain @ design
         if our_velocity is None:
             rhs[width:] += pull * h
-            chi2_null = chi2_null + size * h**2
+            chi2_null = chi2_null + information_on_h * h**2
         else:
-            toward = our_velocity / (our_velocity @ our_velocity)
-            matrix[U, U] += size * np.outer(toward, toward)
-            matrix[width:, U] -= np.outer(pull, toward)
+            scaled_direction = our_velocity / (our_velocity @ our_velocity)
+            matrix[U, U] += information_on_h * np.outer(scaled_direction, scaled_direction)
+            matrix[width:, U] -= np.outer(pull, scaled_direction)
             matrix[U, width:] = matrix[width:, U].T
         return replace(sums, matrix=matrix, rhs=rhs, chi2_null=chi2_null)
 
@@ -605,15 +607,15 @@ def solve_for_parameters(
     equations: ParallaxEquations | ParallaxParts,
     acceleration: Vector | None,
     ratio: float,
-    group: LocalGroup | None = None,
+    local_group_measurement: LocalGroup | None = None,
     velocity: FloatArray | None = None,
     omitted_flow_sums: ParallaxSums | None = None,
 ) -> dict[str, Any]:
     """Least squares for θ with (u, ã, ω[, v]) = to_u θ: the spin fixed, free or none, the flow marginalised.
 
-    `to_u` is (9 or 12, p), `ratio` H0/H_ref in the weights, `group` a measurement of the flow where we are, `velocity`
-    ours where H0 is the first of θ; `omitted_flow_sums` are those with the columns of a flow that the fit leaves
-    out. Returns what a solution is made with.
+    `to_u` is (9 or 12, p), `ratio` H0/H_ref in the weights, `local_group_measurement` one of the flow where we are,
+    `velocity` ours where H0 is the first of θ; `omitted_flow_sums` are the sums with the columns of a flow that the fit
+    leaves out. Returns what a solution is made with.
     """
     width = 9 if velocity is None else 12
     sums = add_acceleration_prior(sums, acceleration, equations.frame)
@@ -631,8 +633,8 @@ def solve_for_parameters(
         known_values[OMEGA] = spin.value
     if equations.modes is not None:
         sums = add_flow_prior(sums, width, ratio)
-        if group is not None:
-            sums = group.add_to_sums(sums, width, ratio, velocity)
+        if local_group_measurement is not None:
+            sums = local_group_measurement.add_to_sums(sums, width, ratio, velocity)
         sums, amplitudes = marginalise_flow(sums, width)
     normal = to_u.T @ sums.matrix @ to_u
     check_parameters_determined(normal, names, sums.n_data // 2)

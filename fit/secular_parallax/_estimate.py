@@ -167,7 +167,11 @@ def _make_solver_and_dispersions(
         preferred_dispersion = find_preferred_dispersion(equations, dispersion, excess_noise, acceleration, ratio, spin)
     solver_options = {"spin": spin, "equations": equations, "acceleration": acceleration, "ratio": ratio}
     solve_equations = partial(
-        solve_for_parameters, sums, **solver_options, group=local_group_measurement, omitted_flow_sums=omitted_flow_sums
+        solve_for_parameters,
+        sums,
+        **solver_options,
+        local_group_measurement=local_group_measurement,
+        omitted_flow_sums=omitted_flow_sums,
     )
     return solve_equations, {"preferred": preferred_dispersion, "peculiar_dispersion": dispersion}
 

@@ -211,14 +211,14 @@ class Comparison(InNotebook):
     def at_face_value(self, kind: str | None = None) -> float:
         """p-value of spins ("T"), accelerations ("S") or both that are alike, with formal errors and nothing shared."""
         component_slice = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[kind]
-        degree_one_fits = [select_degree(solution, 1) for solution in self.plain]
+        degree_one_fits = [select_degree_coefficients(solution, 1) for solution in self.plain]
         values = np.array([value[component_slice] for value, _ in degree_one_fits])
         covariance = block_diag(*(covariance[component_slice, component_slice] for _, covariance in degree_one_fits))
         chi2 = gls(values, covariance, np.ones((len(values), 1)))[1]
         return float(chdtrc(values.size - values.shape[1], chi2))
 
 
-def select_degree(solution: Solution, degree: int) -> tuple[FloatArray, FloatArray]:
+def select_degree_coefficients(solution: Solution, degree: int) -> tuple[FloatArray, FloatArray]:
     """Coefficients of one degree of a solution, and their covariance."""
     indices = np.flatnonzero(solution.modes.degrees == degree)
     return solution.values[indices], solution.covariance[np.ix_(indices, indices)]
@@ -418,8 +418,8 @@ def _compute_squared_influences(residual_field, modes, whitening):
 
 def _differentiate_acceleration(residual_field, modes, whitening):
     """Derivative of the whitened acceleration, (3, 2, n)."""
-    g = np.tensordot(whitening, harmonics(residual_field.lon, residual_field.lat, modes), 1)
-    return np.einsum("aip,jip->ajp", g, _compute_weight_roots(residual_field))
+    acceleration_response = np.tensordot(whitening, harmonics(residual_field.lon, residual_field.lat, modes), 1)
+    return np.einsum("aip,jip->ajp", acceleration_response, _compute_weight_roots(residual_field))
 
 
 def _sum_log_probabilities(residual_field, solution, whitening, scale, excess_variance, move_square):

@@ -26,7 +26,7 @@ from study.referee._quasars import (
     find_most_influential_source,
     measure_shift_by_degree,
     measure_shift_by_method,
-    select_degree,
+    select_degree_coefficients,
 )
 from study.referee._rows import NO_VALUE, Analysis, Check, Row, Value, format_verdict, read_papers
 from vsh.classes import Classes
@@ -339,7 +339,7 @@ def _repeat_dipole_and_quadrupole(inputs: AnalysisInput) -> dict[str, Any]:
 def _make_quadrupole_row_and_p_values(quasars, headline):
     """p-values of no quadrupole: with formal errors, and as one of the degrees that sources share."""
     plain_solution = solve(quasars.normal)
-    values, covariance = select_degree(plain_solution, 2)
+    values, covariance = select_degree_coefficients(plain_solution, 2)
     formal_p_value, shared_p_value = _compute_chi2_p_value(values, covariance), float("nan")
     # Degrees from 3 on tell systematic errors; the quadrupole must not judge itself.
     if plain_solution.modes.lmax > 3:

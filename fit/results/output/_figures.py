@@ -163,11 +163,11 @@ def _name_and_correlate_coefficients(solution):
     modes = solution.modes
     names, transform = [symbol(str(mode)) for mode in modes], np.eye(len(modes))
     to_vector = np.linalg.inv(FIRST_DEGREE)
-    for kind, stem in zip(KINDS, ("omega", "a"), strict=True):
+    for kind, vector_stem in zip(KINDS, ("omega", "a"), strict=True):
         if kind in modes.kinds:
             degree_one = modes.slice_of(kind, 1)
             transform[degree_one, degree_one] = to_vector
-            symbol_stem = "omega" if stem == "omega" else "a" if solution.unit == "µas/yr" else "g"
+            symbol_stem = "omega" if vector_stem == "omega" else "a" if solution.unit == "µas/yr" else "g"
             names[degree_one] = [symbol(f"{symbol_stem}_{axis}") for axis in "xyz"]
     matrix = correlation_of(transform @ solution.covariance @ transform.T)
     return names, matrix, [f"{mode.kind}{mode.l}" for mode in modes]
