@@ -24,7 +24,7 @@ from fit.secular_parallax import (
     compute_flow_covariance,
     make_local_group_measurement,
     make_notes_on_local_group,
-    warn_of_undeclared_frame,
+    warn_of_undeclared_redshift_frame,
 )
 from vsh.field import MEASURED, Field
 from vsh.io import tables
@@ -58,7 +58,7 @@ def make_equations_and_priors(
             f"{rows.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior "
             "takes redshifts alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
         )
-    rows = warn_of_undeclared_frame(rows, field, model.redshift_frame)
+    rows = warn_of_undeclared_redshift_frame(rows, field, model.redshift_frame)
     if rows.left_out is not None:
         rows = replace(rows, notes=(_format_omitted_flow_note(rows, model_priors), *rows.notes))
     group = make_local_group_measurement(priors.local_group, rows)

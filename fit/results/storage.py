@@ -300,10 +300,10 @@ class Result(Frozen):
         check_new(path, overwrite)
         columns, metadata, units = self._pack()
         result_mark = json.dumps({"type": type(self).__name__, "module": type(self).__module__} | metadata)
-        facts = self._collect_header_facts()
+        header_facts = self._collect_header_facts()
         if getattr(self, "notes", None) and tables.format_of(path) == "ascii.ecsv":  # a FITS header has no lists
-            facts["notes"] = list(map(str, getattr(self, "notes", ())))
-        tables.write_columns(path, columns, facts | (meta or {}) | {RESULT_MARK: result_mark}, units, overwrite)
+            header_facts["notes"] = list(map(str, getattr(self, "notes", ())))
+        tables.write_columns(path, columns, header_facts | (meta or {}) | {RESULT_MARK: result_mark}, units, overwrite)
 
     @classmethod
     def read(cls, path: PathName) -> Self:

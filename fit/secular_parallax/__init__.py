@@ -27,7 +27,7 @@ from fit.secular_parallax._estimate import (
     make_notes_on_local_group,
     observer_velocity,
     predict_errors,
-    warn_of_undeclared_frame,
+    warn_of_undeclared_redshift_frame,
 )
 from fit.secular_parallax._model import ASSUMED, LEFT_DISPERSION, DistanceModel, make_flow_modes_within
 from fit.secular_parallax._solution import (

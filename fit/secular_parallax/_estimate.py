@@ -45,7 +45,7 @@ def is_redshift_frame_undeclared(field: Field | Parts, redshift_frame: str | Non
     return first_field.redshift is not None and first_field.redshift_frame is None
 
 
-def warn_of_undeclared_frame(equations: Any, field: Field | Parts, redshift_frame: str | None) -> Any:
+def warn_of_undeclared_redshift_frame(equations: Any, field: Field | Parts, redshift_frame: str | None) -> Any:
     """The equations, with a note and a warning where the frame of the redshifts is not given."""
     if not is_redshift_frame_undeclared(field, redshift_frame):
         return equations
@@ -131,7 +131,7 @@ def observer_velocity(
             "fit.posterior.sample"
         )
     model = make_distance_model(model, options)
-    equations = warn_of_undeclared_frame(
+    equations = warn_of_undeclared_redshift_frame(
         model.equations(field, ratio=hubble / model.hubble), field, model.redshift_frame
     )
     fit_options = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise}
@@ -215,7 +215,7 @@ def hubble_constant(
             "fit.posterior.sample"
         )
     model = make_distance_model(model, options)
-    equations = warn_of_undeclared_frame(model.equations(field, apart=True), field, model.redshift_frame)
+    equations = warn_of_undeclared_redshift_frame(model.equations(field, apart=True), field, model.redshift_frame)
     fit_options = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise, "local_group": local_group}
     solution = _solve_for_hubble(equations, velocity, model.dispersion, hubble, **fit_options)
     frame = model.redshift_frame or declared_frame(field)
@@ -369,15 +369,15 @@ class VelocityForecast(Result):
 
     def to_table(self) -> Table:
         """A row for each catalogue and limit, as an astropy Table."""
-        pairs = [(i, j) for i in range(len(self.catalogues)) for j in range(len(self.limits))]
+        index_pairs = [(i, j) for i in range(len(self.catalogues)) for j in range(len(self.limits))]
         columns: dict[str, Any] = {
-            "catalogue": [self.catalogues[i] for i, _ in pairs],
-            "z_limit": [self.limits[j] for _, j in pairs],
-            "sources": [int(self.sources[i, j]) for i, j in pairs],
+            "catalogue": [self.catalogues[i] for i, _ in index_pairs],
+            "z_limit": [self.limits[j] for _, j in index_pairs],
+            "sources": [int(self.sources[i, j]) for i, j in index_pairs],
         }
         for k, name in enumerate(self.known):
-            columns[f"velocity, {name}"] = [float(self.velocity[i, j, k]) for i, j in pairs]
-            columns[f"H0, {name}"] = [float(self.hubble[i, j, k]) for i, j in pairs]
+            columns[f"velocity, {name}"] = [float(self.velocity[i, j, k]) for i, j in index_pairs]
+            columns[f"H0, {name}"] = [float(self.hubble[i, j, k]) for i, j in index_pairs]
         return tables.table_of(columns)
 
     def plot(self, *, ax: OnAxes | None = None) -> AxesArray:

@@ -287,8 +287,12 @@ class ParallaxSolution(NamedSolution):
         """Share of the variance of v, or of H0, that is due to flows; None where none were fitted."""
         if self.flow is None or self.noise_covariance is None:
             return None
-        size = 3 if self.names[0] == "v_x" else 1
-        return float(1 - np.trace(self.noise_covariance[:size, :size]) / np.trace(self.covariance[:size, :size]))
+        n_parameters = 3 if self.names[0] == "v_x" else 1
+        return float(
+            1
+            - np.trace(self.noise_covariance[:n_parameters, :n_parameters])
+            / np.trace(self.covariance[:n_parameters, :n_parameters])
+        )
 
     def to_table(self) -> Table:
         """Parameters with their errors, units and correlations as an astropy Table, a row each; tests in its meta."""

@@ -67,7 +67,7 @@ def compute_wave_templates(lmax: int, nside: int) -> FloatArray:
     return templates
 
 
-def search_directions(
+def fit_wave_by_direction(
     whitened: WhitenedData, modes: Modes, nside: int, n_phases: int = 1
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute 2F, best amplitudes (k, n) and their covariance (n, k, k) for every direction; k is twice `n_phases`."""
@@ -325,7 +325,7 @@ def search(
 
 def _search_sky_and_noise(whitened, modes, nside, n_skies, rng, n_phases=1, **attributes):
     """Search all directions; return the search, and the largest 2F of each sky of noise."""
-    statistic, amplitudes, covariance = search_directions(whitened, modes, nside, n_phases)
+    statistic, amplitudes, covariance = fit_wave_by_direction(whitened, modes, nside, n_phases)
     noise_maxima = draw_noise_maxima(whitened, modes, nside, n_skies, rng, n_phases)
     attributes |= {"p_value": compute_simulated_p_value(noise_maxima, statistic.max()), "n_skies": n_skies}
     limits = length_limits(amplitudes.T, covariance)

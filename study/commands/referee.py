@@ -55,7 +55,7 @@ def _run(options):
     report = referee(quasars, options.seed, earlier=earlier_field)
     counts = {"rows_used": len(quasars.whole), "rows_refused": count_dropped(quasars.field.notes)}
 
-    def draw():
+    def draw_report_figures():
         from study.referee.page import draw_figures
 
         return draw_figures(report)
@@ -85,7 +85,16 @@ def _run(options):
         write_page(path, page_html, overwrite=True)
 
     run.finish(
-        [finishing.Part("referee", None, sections=make_sections, plot=draw, tables=report.tables, files=write_tables)],
+        [
+            finishing.Part(
+                "referee",
+                None,
+                sections=make_sections,
+                plot=draw_report_figures,
+                tables=report.tables,
+                files=write_tables,
+            )
+        ],
         notes=merge_notes(quasars.field.notes, () if earlier_field is None else earlier_field.notes),
         answer=report.answer,
         paths=[options.catalogue, options.earlier] if options.earlier else options.catalogue,

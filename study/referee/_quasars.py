@@ -208,7 +208,7 @@ class Comparison(InNotebook):
         """The largest difference after allowing for all, by skies enough for one p-value among many."""
         return self.shared.verdict(_N_SKIES)
 
-    def at_face_value(self, kind: str | None = None) -> float:
+    def compute_formal_p_value(self, kind: str | None = None) -> float:
         """p-value of spins ("T"), accelerations ("S") or both that are alike, with formal errors and nothing shared."""
         component_slice = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[kind]
         degree_one_fits = [select_degree_coefficients(solution, 1) for solution in self.plain]
@@ -399,7 +399,7 @@ def find_most_influential_source(field: Field, lmax: int) -> tuple[int, float, f
         residual_field[np.delete(np.arange(len(field)), largest_index)]
     )
     log_probability = sum(
-        _sum_log_probabilities(
+        _sum_log_probabilities_of_less(
             residual_field[block], solution, whitening, scale, excess_variance, move_squares[largest_index]
         )
         for block in blocks
@@ -422,7 +422,7 @@ def _differentiate_acceleration(residual_field, modes, whitening):
     return np.einsum("aip,jip->ajp", acceleration_response, _compute_weight_roots(residual_field))
 
 
-def _sum_log_probabilities(residual_field, solution, whitening, scale, excess_variance, move_square):
+def _sum_log_probabilities_of_less(residual_field, solution, whitening, scale, excess_variance, move_square):
     """Log of the probability that none of these sources moves it by so much."""
     weight_roots, derivative = (
         _compute_weight_roots(residual_field),

@@ -100,7 +100,7 @@ def _check_class_differences(quasars, classes, rng) -> dict[str, Any]:
     return {
         "answer": f"{len(labels)} classes; {difference_text}; largest difference: {verdict.comparison}",
         "p_value": verdict.p_value,
-        "at_face_value": comparison.at_face_value(), "results": {"classes": comparison.shared},
+        "at_face_value": comparison.compute_formal_p_value(), "results": {"classes": comparison.shared},
     }  # fmt: skip
 
 
@@ -285,7 +285,7 @@ def _repeat_reference_frame(inputs: AnalysisInput) -> dict[str, Any]:
         rows.append(Row(quantity, _find_published_value("crf3", "systematic motions"), fit_rms, floor_rms))
     try:
         comparison = compare_classes(quasars, Classes.by_edges("G", _G_EDGES, quasars.column("G")), inputs.rng)
-        p_values = comparison.at_face_value("T"), comparison.shared.equality("T")
+        p_values = comparison.compute_formal_p_value("T"), comparison.shared.equality("T")
         rows.append(_make_p_value_row("bright and faint sources have the same spin", *p_values))
         results["magnitudes"] = comparison.shared
     except VshError as error:
@@ -309,7 +309,7 @@ def _make_redshift_contents(comparison, published_text):
     verdict = comparison.verdict
     rows = [
         _make_p_value_row(
-            f"one {name} at all redshifts", comparison.at_face_value(kind), comparison.shared.equality(kind)
+            f"one {name} at all redshifts", comparison.compute_formal_p_value(kind), comparison.shared.equality(kind)
         )
         for kind, name in (("T", "spin"), ("S", "acceleration"))
     ]

@@ -47,10 +47,10 @@ _SIGNAL_P_VALUE = 0.05
 def plot_sky(solution: Any, field: Any = None, *, ax: Axes | None = None) -> Any:
     """The fitted field on the sky, of motions or of a scalar, with its sources where a field is given."""
     title = f"{solution.n_sources} sources and the field fitted to degree {solution.modes.lmax}"
-    options = {"frame": solution.frame, "title": title, "ax": ax, "unit": solution.unit}
+    plot_options = {"frame": solution.frame, "title": title, "ax": ax, "unit": solution.unit}
     if solution.modes.components == 1:
-        return plot_scalar_field(field, solution.coefficients, covariance=solution.covariance, **options)
-    return plot_field(field, solution.coefficients, covariance=solution.covariance, **options)
+        return plot_scalar_field(field, solution.coefficients, covariance=solution.covariance, **plot_options)
+    return plot_field(field, solution.coefficients, covariance=solution.covariance, **plot_options)
 
 
 @apply_style

@@ -10,7 +10,7 @@ from fit.results.output._text import (
     answer_of,
     format_amplitude,
     format_components,
-    is_scalar,
+    is_of_scalar_field,
     powers_table,
     vectors_of,
     vectors_table,
@@ -58,7 +58,7 @@ def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answ
     head_row = r" & $x$ & $y$ & $z$ & amplitude \\"
     units = rf" & \multicolumn{{4}}{{c}}{{({unit})}} \\" if unit else ""
     body_rows = []
-    if is_scalar(solution):
+    if is_of_scalar_field(solution):
         value, error = solution.mean
         body_rows.append(rf"Mean & {_format_latex_number(format_with_error(value, error, '+'), style)} & & & \\")
     for name, vector in reversed(vectors_of(solution).items()):
@@ -67,7 +67,7 @@ def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answ
     if full:
         body_rows += [mid_rule, *_format_latex_power_rows(solution, style)]
     caption = _format_latex_caption(solution, answer_of(solution) if answer is None else answer)
-    label = r"\label{tab:vsh-scalar}" if is_scalar(solution) else r"\label{tab:vsh}"
+    label = r"\label{tab:vsh-scalar}" if is_of_scalar_field(solution) else r"\label{tab:vsh}"
     if style == "aastex":
         column_heads = " & ".join(rf"\colhead{{{column}}}" for column in ("", "$x$", "$y$", "$z$", "amplitude"))
         unit_row = rf"\\ \colhead{{}} & \multicolumn4c{{({unit})}}" if unit else ""
@@ -103,7 +103,7 @@ def _format_latex_power_rows(solution, style):
 
 def _format_latex_caption(solution, answer):
     """Caption: what was fitted to what, and the answer where the vectors have one."""
-    names = ["mean"] * is_scalar(solution) + list(reversed(vectors_of(solution)))
+    names = ["mean"] * is_of_scalar_field(solution) + list(reversed(vectors_of(solution)))
     subject = " and ".join(names).capitalize()
     sentences = [
         f"{subject} of {solution.n_sources} {'sources' if solution.unit else 'values'}, "

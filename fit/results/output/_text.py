@@ -55,13 +55,13 @@ def vector_rows(
 
 def vectors_of(solution: Any) -> dict[str, Vector]:
     """Spin and acceleration of a solution by name; rotation and glide of positions, the dipole of a scalar field."""
-    if is_scalar(solution):
+    if is_of_scalar_field(solution):
         return {"dipole": solution.dipole} if solution.modes.lmax > 0 else {}
     names = ("rotation", "glide") if solution.unit == "µas" else ("spin", "acceleration")
     return dict(zip(names, (solution.spin, solution.acceleration), strict=True))
 
 
-def is_scalar(solution: Any) -> bool:
+def is_of_scalar_field(solution: Any) -> bool:
     """Return whether it is of a scalar field, which has a mean and a dipole in place of spin and acceleration."""
     return solution.modes.components == 1
 
@@ -188,7 +188,7 @@ def vectors_table(solution: Any) -> Table:
         "error_source": str(solution.error_source),
         "includes_floor": bool(solution.includes_floor),
     }
-    if is_scalar(solution):
+    if is_of_scalar_field(solution):
         meta |= dict(zip(("mean", "mean_error"), solution.mean, strict=True))
     columns = {"name": np.array(list(vectors), str)} | dict(zip(column_names, values, strict=True))
     columns["detected"] = np.array([is_seen(v) for v in vectors.values()], bool)
@@ -236,12 +236,12 @@ def answer_of(solution: Any) -> Answer:
     """
     solution = solution_of(solution, "answer")
     is_known = np.isfinite([*solution.covariance.diagonal(), *solution.values]).all()
-    if not is_known or (solution.unit != "µas/yr" and not is_scalar(solution)):
+    if not is_known or (solution.unit != "µas/yr" and not is_of_scalar_field(solution)):
         return Answer()
     if reason := _describe_reason_for_no_result(solution):
-        return Answer(((("mean" if is_scalar(solution) else "acceleration"), f"no result: {reason}"),))
+        return Answer(((("mean" if is_of_scalar_field(solution) else "acceleration"), f"no result: {reason}"),))
     errors_line = ("errors" if solution.is_recommended else "this fit", _describe_errors(solution))
-    if is_scalar(solution):
+    if is_of_scalar_field(solution):
         value, error = solution.mean
         mean_text = f"{format_with_error(value, error, '+')} {solution.unit}".rstrip()
         lines = [("mean", f"{mean_text}, p = {printed_p_value(solution.p_value('F', 0))}")]
@@ -383,7 +383,7 @@ def _list_fit_facts(solution):
 
 def describe_fit_subject(solution: Any) -> str:
     """Subject of a solution, the title of its page."""
-    if is_scalar(solution):
+    if is_of_scalar_field(solution):
         return f"Spherical harmonics of a scalar field{', in ' * bool(solution.unit)}{solution.unit}"
     return f"Vector spherical harmonics of {'differences of position' if solution.unit == 'µas' else 'proper motions'}"
 
@@ -447,7 +447,7 @@ def _make_vectors_table(solution, truth, long):
     """Spin and acceleration by component, with the truth of a simulation below them."""
     formal = vectors_of(solution.formal) if long and solution.formal is not solution else {}
     rows: list[tuple[str, ...]] = []
-    if is_scalar(solution):
+    if is_of_scalar_field(solution):
         mean, error = solution.mean
         rows.append(("mean", "", "", "", format_with_error(mean, error, "+")))
     rows += vector_rows(vectors_of(solution), truth, formal)
