@@ -274,7 +274,7 @@ _SQUARED_COSINES = np.cos((np.arange(32) + 0.5) * np.pi / 32) ** 2
 def measure_shift_by_degree(
     field: Field, low_degree: int, high_degree: int, floor: Floor | None
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Check how the acceleration moves from a fit of `low_degree` to one of `high_degree`.
+    """Measure how the acceleration moves from a fit of `low_degree` to one of `high_degree`.
 
     Both are linear in the same data: with M the matrix of one less the other, the move M b has the covariance
     M (τ² N + s² N₂ + N S N) Mᵀ: τ² and s² the scatter of the residuals, which holds what lies beyond the higher degree,
@@ -326,7 +326,7 @@ def _square_covariances(field):
 
 
 def measure_shift_by_method(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float]:
-    """Check how the acceleration of degree 1 moves from least squares to Student's t, on random parts of the sources.
+    """Measure how the acceleration of degree 1 moves from least squares to Student's t, on random parts of the sources.
 
     Each part gives the difference of the two; Hotelling's T² of their mean asks nothing of the errors.
 
