@@ -84,7 +84,7 @@ class FrameSolution(NamedSolution):
     @property
     def orientation(self) -> Vector | None:
         """ε, a Vector in µas, or None where no offsets were given."""
-        return self._vector("epsilon", "µas") if "epsilon_x" in self.names else None
+        return self._make_vector("epsilon", "µas") if "epsilon_x" in self.names else None
 
 
 @log_calls("frame solver")

@@ -95,17 +95,19 @@ class ResampledFit(AboutSolution):
         probability = between("probability", probability, 0, 1)
         if self.method == "jackknife":
             quantile = stdtrit(len(self.replicates) - 1, 0.5 + probability / 2)
-            reach = quantile * np.sqrt(np.diag(self.covariance))
-            return self.solution.coefficients.values + np.array([[-1], [1]]) * reach
+            half_width = quantile * np.sqrt(np.diag(self.covariance))
+            return self.solution.coefficients.values + np.array([[-1], [1]]) * half_width
         return np.percentile(self.replicates, [50 - 50 * probability, 50 + 50 * probability], axis=0)
 
 
 #: Power of (1 − leverage) by which residuals are divided, because residuals of sources with a high leverage are too
 #: small. With ½, ¾ and 1, rms pulls are 1.06, 0.92 and 0.80 if 100 sources have all the weight in a fit of 70
 #: coefficients, and 1.08, 0.98 and 0.89 if 30 sources have all the weight in a fit of 16 coefficients.
-_POWER = 0.75
+_LEVERAGE_POWER = 0.75
 #: Table of Poisson numbers with mean 1, minus that mean, indexed by 16 random bits; their variance is 0.99997.
-_POISSON = np.searchsorted(gammaincc(np.arange(1, 13), 1.0), (np.arange(2**16) + 0.5) / 2**16).astype(np.float32) - 1
+_POISSON_DEVIATIONS = (
+    np.searchsorted(gammaincc(np.arange(1, 13), 1.0), (np.arange(2**16) + 0.5) / 2**16).astype(np.float32) - 1
+)
 
 
 @log_calls("bootstrap")
@@ -153,42 +155,49 @@ def bootstrap(
 
 
 def _bootstrap_scores(sky, solution, n_replicates, rng, progress):
-    total = sky.sum(_count_and_weight, roles=(), words="bootstrap", progress=progress)
+    count_and_weight = sky.sum(_count_and_sum_weights, roles=(), words="bootstrap", progress=progress)
     seed = int(rng.integers(2**63))
-    work = partial(_sum_drawn_scores, solution=solution, total=total, n_replicates=n_replicates, seed=seed)
-    sums = sky.sum(work, roles=(), words="bootstrap", progress=progress)
+    sum_scores = partial(
+        _sum_drawn_scores, solution=solution, count_and_weight=count_and_weight, n_replicates=n_replicates, seed=seed
+    )
+    score_sums = sky.sum(sum_scores, roles=(), words="bootstrap", progress=progress)
     # The covariance of `solution` is N⁻¹ of the whole catalogue; the same matrix serves all draws.
-    replicates = solution.values + sums["steps"] @ solution.covariance
-    dof = score_dof(sums["squares"], solution.modes)
+    replicates = solution.values + score_sums["scores"] @ solution.covariance
+    dof = score_dof(score_sums["squared leverages"], solution.modes)
     return ResampledFit("one-step bootstrap", solution, replicates, np.cov(replicates, rowvar=False), dof)
 
 
-def _count_and_weight(field):
+def _count_and_sum_weights(field):
     return len(field), float(field.weights[: field.components].sum())
 
 
 def _sum_drawn_scores(
-    field: Field, solution: Solution, total: tuple[int, float], n_replicates: int, seed: int
+    field: Field, solution: Solution, count_and_weight: tuple[int, float], n_replicates: int, seed: int
 ) -> dict[str, Any]:
     """Sum (k − 1) Aᵀ C⁻¹ Δ/(1 − leverage)^¾ over some sources, with k drawn for each, (replicates, p); and Σ h²."""
-    share = leverage(field, solution.modes, solution.covariance, total=total)
+    leverages = leverage(field, solution.modes, solution.covariance, total=count_and_weight)
 
-    def sum_drawn_block(chunk):
+    def sum_chunk_scores(chunk):
         sources = field[chunk]
         # The seed follows from the sources, so that draws do not depend on the number of threads, parts or workers.
         digest = blake2b(sources.lon.tobytes() + sources.lat.tobytes(), digest_size=16).digest()
         rng = np.random.default_rng([seed, int.from_bytes(digest, "big")])
-        residuals = multiply_weights(sources.weights, solution.residuals(sources).data) / (1 - share[chunk]) ** _POWER
+        residuals = (
+            multiply_weights(sources.weights, solution.residuals(sources).data)
+            / (1 - leverages[chunk]) ** _LEVERAGE_POWER
+        )
         scores = np.einsum("pkn,kn->pn", harmonics(sources.lon, sources.lat, solution.modes), residuals)
         # Single precision relative to the largest score: the error is a millionth of the scatter of the draws.
         largest_scores = np.abs(scores).max(1, keepdims=True)
         scores /= np.where(largest_scores > 0, largest_scores, 1.0)
-        excess_draws = _POISSON[rng.integers(0, 2**16, (n_replicates, len(sources)), dtype=np.uint16)]
+        excess_draws = _POISSON_DEVIATIONS[rng.integers(0, 2**16, (n_replicates, len(sources)), dtype=np.uint16)]
         return (excess_draws @ scores.T.astype(np.float32)).astype(float) * largest_scores.T
 
-    block_size = max(64, min(2**24 // n_replicates, 2**22 // len(solution.modes)))
-    steps = sum(map_blocks(sum_drawn_block, len(field), block_size), np.zeros((n_replicates, len(solution.modes))))
-    return {"steps": steps, "squares": float(share @ share)}
+    chunk_size = max(64, min(2**24 // n_replicates, 2**22 // len(solution.modes)))
+    score_sums = sum(
+        map_blocks(sum_chunk_scores, len(field), chunk_size), np.zeros((n_replicates, len(solution.modes)))
+    )
+    return {"scores": score_sums, "squared leverages": float(leverages @ leverages)}
 
 
 #: Largest size of the normal matrices of all blocks together; more is refused. [bytes]
@@ -226,31 +235,39 @@ def block_bootstrap(
     """
     modes = modes_for(field, modes)
     rng = generator(rng)
-    p, (n_blocks, blocks) = len(modes), _make_normals_of_blocks(field, modes, nside, progress)
+    p, (n_blocks, block_normals) = len(modes), _count_blocks_and_make_normals(field, modes, nside, progress)
     if n_blocks * p * p * 8 > MEMORY:
         raise DegeneracyError(
             f"{n_blocks} block matrices of {p} × {p} do not fit into memory: lower nside from {nside} or lmax from "
             f"{modes.lmax}"
         )
-    normals = list(blocks)
+    normals = list(block_normals)
     matrices = np.array([normal.matrix.ravel() for normal in normals])
-    sides = np.array([normal.rhs for normal in normals])
-    total: Any = sum(normals)
-    solution = solve(total)
+    right_sides = np.array([normal.rhs for normal in normals])
+    whole_sky: Any = sum(normals)
+    solution = solve(whole_sky)
     replicates = np.empty((n_replicates, p))
     for replicate in progress_bar(replicates, words="block bootstrap", shown=progress):
-        counts = rng.multinomial(len(normals), np.full(len(normals), 1 / len(normals))).astype(float)
-        equations = NormalEquations(
-            modes, (counts @ matrices).reshape(p, p), counts @ sides, 0.0, total.n_data, total.frame
+        draw_counts = rng.multinomial(len(normals), np.full(len(normals), 1 / len(normals))).astype(float)
+        replicate_equations = NormalEquations(
+            modes,
+            (draw_counts @ matrices).reshape(p, p),
+            draw_counts @ right_sides,
+            0.0,
+            whole_sky.n_data,
+            whole_sky.frame,
         )
-        replicate[:] = solve(equations).coefficients.values
-    covariance, dof = np.cov(replicates, rowvar=False), _find_block_dof([np.trace(normal.matrix) for normal in normals])
+        replicate[:] = solve(replicate_equations).coefficients.values
+    covariance, dof = (
+        np.cov(replicates, rowvar=False),
+        _compute_block_scatter_dof([np.trace(normal.matrix) for normal in normals]),
+    )
     return ResampledFit("block bootstrap", solution, replicates, covariance, scatter_dof=dof)
 
 
-def _find_block_dof(weights):
+def _compute_block_scatter_dof(block_weights):
     """Degrees of freedom of a scatter between blocks of unequal weight: their effective number less one."""
-    return max(float(np.sum(weights) ** 2 / np.sum(np.square(weights)) - 1), 1e-3)
+    return max(float(np.sum(block_weights) ** 2 / np.sum(np.square(block_weights)) - 1), 1e-3)
 
 
 @log_calls("jackknife")
@@ -286,37 +303,43 @@ def jackknife(
     """
     modes = modes_for(field, modes)
     whole_sky = normal_equations(field, modes)
-    n_blocks, blocks = _make_normals_of_blocks(field, modes, nside, progress)
-    replicates, weights = np.empty((n_blocks, len(modes))), []
-    for replicate, normal in zip(replicates, blocks, strict=True):
+    n_blocks, block_normals = _count_blocks_and_make_normals(field, modes, nside, progress)
+    replicates, block_weights = np.empty((n_blocks, len(modes))), []
+    for replicate, normal in zip(replicates, block_normals, strict=True):
         replicate[:] = solve(whole_sky - normal).coefficients.values
-        weights.append(np.trace(normal.matrix))
+        block_weights.append(np.trace(normal.matrix))
     deviations = replicates - replicates.mean(0)
-    scatter = (n_blocks - 1) / n_blocks * deviations.T @ deviations
-    loss = 1 / _find_block_dof(weights) - 1 / (n_blocks - 1)  # what unequal weights take from the degrees of freedom
-    scatter_dof = 1 / loss if loss > 1e-9 else np.inf
-    return ResampledFit("jackknife", solve(whole_sky), replicates, scatter, scatter_dof=float(scatter_dof))
+    covariance = (n_blocks - 1) / n_blocks * deviations.T @ deviations
+    inverse_scatter_dof = 1 / _compute_block_scatter_dof(block_weights) - 1 / (
+        n_blocks - 1
+    )  # what unequal weights take from the degrees of freedom
+    scatter_dof = 1 / inverse_scatter_dof if inverse_scatter_dof > 1e-9 else np.inf
+    return ResampledFit("jackknife", solve(whole_sky), replicates, covariance, scatter_dof=float(scatter_dof))
 
 
-def _make_normals_of_blocks(field, modes, nside, progress):
+def _count_blocks_and_make_normals(field, modes, nside, progress):
     """Count the HEALPix blocks that contain sources, and iterate over their normal equations."""
     words, is_parts = f"blocks, nside {nside}", isinstance(field, Parts)
     if is_parts:
-        sums = field.sum(partial(_sum_by_block, modes=modes, nside=nside), roles=(), words=words, progress=progress)
-        blocks = [sums[pixel] for pixel in sorted(sums)]
+        moments_by_block = field.sum(
+            partial(_sum_moments_by_block, modes=modes, nside=nside), roles=(), words=words, progress=progress
+        )
+        blocks = [moments_by_block[pixel] for pixel in sorted(moments_by_block)]
     else:
-        pixel = pixels_of(field.lon, field.lat, nside)
-        order = np.argsort(pixel, kind="stable")
-        blocks = np.split(order, np.flatnonzero(np.diff(pixel[order])) + 1)
+        pixel_numbers = pixels_of(field.lon, field.lat, nside)
+        order = np.argsort(pixel_numbers, kind="stable")
+        blocks = np.split(order, np.flatnonzero(np.diff(pixel_numbers[order])) + 1)
     if len(blocks) < 2:
         raise DegeneracyError(f"all sources lie in one block of nside {nside}: take a larger nside")
     bar = progress_bar(blocks, words=words, shown=progress)
-    return len(blocks), (x.normal_equations() if is_parts else normal_equations(field[x], modes) for x in bar)
+    return len(blocks), (
+        block.normal_equations() if is_parts else normal_equations(field[block], modes) for block in bar
+    )
 
 
-def _sum_by_block(field, modes, nside):
-    pixel = pixels_of(field.lon, field.lat, nside)
-    return {int(block): Moments.of(field[pixel == block], modes) for block in np.unique(pixel)}
+def _sum_moments_by_block(field, modes, nside):
+    pixel_numbers = pixels_of(field.lon, field.lat, nside)
+    return {int(pixel): Moments.of(field[pixel_numbers == pixel], modes) for pixel in np.unique(pixel_numbers)}
 
 
 #: Smallest number of blocks per coefficient. With fewer, a coefficient is nearly undetermined if one block is left out.
@@ -377,12 +400,14 @@ def compare_blocks(
     modes = modes_for(field, modes)
     min_blocks, rows, failure = BLOCKS_PER_COEFFICIENT * len(modes), [], None
     for nside in nsides:
-        blocks = len(
-            as_parts(field, SourcesWithErrors).sum(partial(_get_blocks, nside=nside), roles=(), words="blocks")
+        n_blocks = len(
+            as_parts(field, SourcesWithErrors).sum(
+                partial(_collect_block_numbers, nside=nside), roles=(), words="blocks"
+            )
         )
-        if blocks < min_blocks:
+        if n_blocks < min_blocks:
             failure = DegeneracyError(
-                f"{blocks} blocks of nside {nside} are too few for {len(modes)} coefficients; "
+                f"{n_blocks} blocks of nside {nside} are too few for {len(modes)} coefficients; "
                 f"{min_blocks} are needed: fit a lower degree, or take smaller blocks"
             )
             continue
@@ -392,11 +417,15 @@ def compare_blocks(
             failure = error
     if not rows:
         raise failure or DegeneracyError("nsides is empty: give at least one block size")
-    best = next(row for i, row in enumerate(rows) if all(not _has_grown(row, larger) for larger in rows[i + 1 :]))
-    return rows, best, _format_advice(rows, best)
+    best = next(
+        row
+        for i, row in enumerate(rows)
+        if all(not _has_error_ratio_grown(row, larger_blocks_row) for larger_blocks_row in rows[i + 1 :])
+    )
+    return rows, best, _format_block_advice(rows, best)
 
 
-def _get_blocks(field, nside):
+def _collect_block_numbers(field, nside):
     """Return the pixel numbers of the blocks that contain sources, as keys of a dict."""
     return dict.fromkeys(np.unique(pixels_of(field.lon, field.lat, nside)).tolist())
 
@@ -405,27 +434,27 @@ def _compute_block_errors(resampled, nside):
     # Without the factor of few replicates, which grows with the blocks by itself.
     if resampled.solution.modes.components == 1:  # the mean, and the dipole where there is one
         is_low = resampled.solution.modes.degrees <= 1
-        formal, variances = resampled.solution.sigma[is_low], np.diag(resampled.covariance)[is_low]
+        formal_errors, variances = resampled.solution.sigma[is_low], np.diag(resampled.covariance)[is_low]
     else:
-        formal = np.concatenate([vector.sigma for vector in vectors_of(resampled.solution).values()])
+        formal_errors = np.concatenate([vector.sigma for vector in vectors_of(resampled.solution).values()])
         variances = np.concatenate([np.diag(vector.covariance) for vector in vectors_of(resampled.quoted).values()])
     errors = np.sqrt(variances)
     n_blocks = len(resampled.replicates)
-    ratio = float(np.sqrt(np.mean((errors / formal) ** 2)))
+    ratio = float(np.sqrt(np.mean((errors / formal_errors) ** 2)))
     # The ratio rests on six variances, each with B − 1 degrees of freedom.
     return BlockErrors(nside, 58.6 / nside, n_blocks, ratio, ratio / np.sqrt(2 * 6 * (n_blocks - 1)), resampled)
 
 
-def _has_grown(row, larger):
-    return larger.ratio - row.ratio > 3 * np.hypot(row.ratio_error, larger.ratio_error)
+def _has_error_ratio_grown(row, larger_blocks_row):
+    return larger_blocks_row.ratio - row.ratio > 3 * np.hypot(row.ratio_error, larger_blocks_row.ratio_error)
 
 
-def _format_advice(rows, best):
+def _format_block_advice(rows, best):
     ratios = "; ".join(
-        f"nside {r.nside} ({r.degrees:.0f}°, {r.blocks} blocks): {format_with_error(r.ratio, r.ratio_error)}"
-        for r in rows
+        f"nside {row.nside} ({row.degrees:.0f}°, {row.blocks} blocks): {format_with_error(row.ratio, row.ratio_error)}"
+        for row in rows
     )
-    note = f"ratio of jackknife errors to formal errors: {ratios}; chosen: nside {best.nside}"
+    advice = f"ratio of jackknife errors to formal errors: {ratios}; chosen: nside {best.nside}"
     if best is rows[-1] and len(rows) > 1:
-        note += ", the largest blocks: errors still grow with block size, and may be underestimated"
-    return note + ". No resampling can detect errors common to the whole sky (a glide or a rotation of the frame)"
+        advice += ", the largest blocks: errors still grow with block size, and may be underestimated"
+    return advice + ". No resampling can detect errors common to the whole sky (a glide or a rotation of the frame)"

@@ -36,7 +36,7 @@ CASES = [
     ("fit.results.quality", "round(float(log_p_value(2000.0, 3)), 2)", "-996.42"),
     ("fit.results.quality", "round(float(normal_deviate(12, 3)), 4), round(float(normal_deviate(2000, 3)), 1)", "(2.4381, 44.5)"),
     ("fit.results.quality", "norm_limit(np.array([0.0, 10.0]), np.ones(2), 3).round(2)", "array([ 2.45, 11.55])"),
-    ("fit.robust._clip", "[round(float(np.sqrt(truncation_factors(kappa**2 * np.log(2))[0])), 3) for kappa in (3, 2.5, 2, 1.5)]", "[1.006, 1.03, 1.108, 1.308]"),
+    ("fit.robust._clip", "[round(float(np.sqrt(compute_truncation_factors(kappa**2 * np.log(2))[0])), 3) for kappa in (3, 2.5, 2, 1.5)]", "[1.006, 1.03, 1.108, 1.308]"),
     ("fit.posterior._sampling", "is_integrable_with_inverse_cube(Flat(50.0, 80.0)), is_integrable_with_inverse_cube(Normal(67.3, 15.0))", "(True, False)"),
 ]  # fmt: skip
 

@@ -360,7 +360,7 @@ def _select_known_redshifts(sky, options, label):
     with_redshift, missing_only = vsh.models.cosmology.with_redshift, options.on_bad != "drop"
     select = partial(with_redshift, redshift_frame=options.redshift_frame, missing_only=missing_only)
     field = vsh.io.parts.apply_step(sky, select)
-    if fit.secular_parallax.is_frame_undeclared(field, options.redshift_frame):
+    if fit.secular_parallax.is_redshift_frame_undeclared(field, options.redshift_frame):
         raise VshError(
             f"the frame of the redshifts of {label} is not given: use --redshift-frame heliocentric, cmb, "
             "local-group, or true (of the expansion alone, as simulations have them)"
@@ -507,7 +507,7 @@ def _format_answer_lines(results):
         lines.append(("H0", _format_hubble(results["hubble"])))
     if "velocity" in results:
         solution = results["velocity"]
-        if doubt := fit.secular_parallax.doubt_speed(solution.velocity):
+        if doubt := fit.secular_parallax.describe_implausible_speed(solution.velocity):
             lines.insert(0, ("doubt", doubt))
         text = f"{fit.output.words_of(solution.velocity)}, for H0 = {solution.assumed_hubble:g} km/s/Mpc"
         lines.append(("velocity", text))
@@ -518,9 +518,9 @@ def _format_answer_lines(results):
     elif "bins" in results and len(results["bins"]) > 1:
         text = "a change with redshift is not tested, because systematic errors are not included: add --floor"
         lines.append(("dipole", text))
-    from fit.secular_parallax import WITH_GROUP
+    from fit.secular_parallax import WITH_LOCAL_GROUP
 
-    lines += [("assumed", str(note)) for note in notes if has_code(note, WITH_GROUP)]
+    lines += [("assumed", str(note)) for note in notes if has_code(note, WITH_LOCAL_GROUP)]
     if factor > 1 and ("velocity" in results or "posterior" not in results):
         lines.append(
             ("scaled", f"errors of velocity and H0 here are {factor:.3g} times those below, as residuals suggest")

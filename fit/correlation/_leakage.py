@@ -8,7 +8,7 @@ import numpy as np
 
 from fit.correlation._matrices import FRAME_NAMES, check_unmodelled_higher, field_from_positions, select_parameters
 from fit.normal import normal_equations, solve
-from fit.results.storage import Result, checked_strings
+from fit.results.storage import Result, check_strings
 from vsh import Coefficients, Modes
 from vsh.io import tables
 from vsh.io.sections import Section
@@ -102,7 +102,7 @@ class Leakage(Result):
         check_unmodelled_higher(fitted, unmodelled)
         unmodelled_names = tuple(str(mode) for mode in unmodelled if mode.l > fitted.lmax)
         names = tuple(columns["coefficient"].tolist())
-        if names != tuple(map(str, fitted)) or checked_strings(metadata["names"]) != unmodelled_names:
+        if names != tuple(map(str, fitted)) or check_strings(metadata["names"]) != unmodelled_names:
             raise TableError("names of coefficients")
         matrix = float_array("matrix", columns["matrix"], (len(names), len(unmodelled_names)))
         return cls(

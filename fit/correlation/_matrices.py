@@ -10,7 +10,7 @@ import numpy as np
 from fit.direct import solve_frame
 from fit.normal import normal_equations, solve
 from fit.results.solution import predict_motions
-from fit.results.storage import Result, checked_strings, from_hex, to_hex
+from fit.results.storage import Result, check_strings, from_hex, to_hex
 from vsh import Coefficients
 from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field
@@ -196,7 +196,7 @@ class CorrelationMatrices(Result):
 
     @classmethod
     def _unpack(cls, columns, metadata):
-        labels, names = checked_strings(metadata["labels"]), tuple(columns["parameter"].tolist())
+        labels, names = check_strings(metadata["labels"]), tuple(columns["parameter"].tolist())
         dipoles = [float_array("dipole", [from_hex(x) for x in dipole], (3,)) for dipole in metadata["dipoles"]]
         matrices = [covariance(f"matrix_{i}", columns[f"matrix_{i}"], len(names)) for i in range(len(labels))]
         has_large = any((np.abs(matrix) > 1 + 1e-9).any() for matrix in matrices)

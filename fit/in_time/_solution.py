@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fit.results.quality import Quality, f_p_value
-from fit.results.storage import Result, coefficient_columns
+from fit.results.storage import Result, make_coefficient_columns
 from vsh.coefficients import Coefficients
 from vsh.io import tables
 from vsh.io.sections import Section
@@ -333,11 +333,11 @@ class TimeSolution(Result):
     def to_table(self) -> Table:
         """A row for each function and coefficient, as an astropy Table."""
         f, p = self.values.shape
-        mode_columns = coefficient_columns(self.modes)
+        mode_columns = make_coefficient_columns(self.modes)
         columns: dict[str, Any] = {"function": np.repeat(self.functions.names, p).tolist()}
         columns |= {name: list(values) * f for name, values in mode_columns.items()}
         columns |= {"value": self.values.ravel(), "sigma": self.sigma.ravel(), "seen": self.seen.ravel()}
-        return tables.table_of(columns, self._plain_facts(), {"value": "uas", "sigma": "uas"})
+        return tables.table_of(columns, self._collect_header_facts(), {"value": "uas", "sigma": "uas"})
 
     def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """Powers by function and degree, on matplotlib axes."""

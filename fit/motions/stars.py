@@ -94,14 +94,14 @@ class Kinematics(NamedSolution):
     @property
     def velocity(self) -> Vector:
         """Our velocity with respect to the sources, toward its apex, a Vector in km/s."""
-        return replace(self._vector("v", "km/s"), dof=self.covariance_dof)
+        return replace(self._make_vector("v", "km/s"), dof=self.covariance_dof)
 
     @property
     def rotation(self) -> Vector | None:
         """ω of the velocities, a Vector in km/s/kpc; None without a gradient."""
         if "w_x" not in self.names:
             return None
-        return replace(self._vector("w", "km/s/kpc"), dof=self.covariance_dof)
+        return replace(self._make_vector("w", "km/s/kpc"), dof=self.covariance_dof)
 
     @property
     def oort(self) -> dict[str, tuple[float, float]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from fit.normal._equations import Additive, NormalEquations
 from fit.normal.sums import make_rings, sum_fourier_moments
-from fit.results.storage import Result, checked_count, checked_strings, from_hex, to_hex
+from fit.results.storage import Result, check_count, check_strings, from_hex, to_hex
 from vsh.field import Field
 from vsh.io.parts import Parts
 from vsh.io.sections import Section
@@ -253,9 +253,9 @@ class Moments(Additive, Result):
             weights=moments[:n_weights].reshape(weights_shape),
             motions=moments[n_weights:].reshape(motions_shape),
             chi2_null=from_hex(metadata["chi2_null"]),
-            n_data=checked_count(metadata["n_data"]),
+            n_data=check_count(metadata["n_data"]),
             frame=metadata["frame"],
-            notes=checked_strings(metadata["notes"]),
+            notes=check_strings(metadata["notes"]),
             unit=str(metadata["unit"]),
         )
 

@@ -34,12 +34,12 @@ from fit.secular_parallax import (
     ParallaxParts,
     ParallaxSums,
     U,
+    add_acceleration_prior,
     add_flow_prior,
-    check_determined,
+    add_vector_prior,
+    check_parameters_determined,
     marginalise_flow,
-    with_acceleration,
-    with_prior,
-    without_known,
+    subtract_known_motions,
 )
 from vsh.tools.errors import ConvergenceError, ParameterError
 from vsh.tools.types import FloatArray
@@ -90,7 +90,7 @@ class LikelihoodFunctions:
     def at(self, s: FloatArray, x: FloatArray, q: FloatArray) -> FloatArray:
         """The functions, (28, n), at n points: `marginalise_nuisance` of the sums, flow and acceleration as known."""
         noise_pairs, pair_index = np.unique(np.stack([s, x]), axis=1, return_inverse=True)
-        sums = with_acceleration(self.rows.sums(*noise_pairs, threads=self.threads), self.acceleration, self.rows.frame)
+        sums = add_acceleration_prior(self.rows.sums(*noise_pairs, threads=self.threads), self.acceleration, self.rows.frame)
         if self.rows.modes is None:
             return marginalise_nuisance(sums, self.spin, self.rows.frame)[:, pair_index.ravel()]
         columns = []
@@ -101,7 +101,7 @@ class LikelihoodFunctions:
             if self.group is None:
                 pair_sums = add_flow_prior(pair_sums, 9, flow_size)
             else:  # the amplitudes stand for H_ref, and their mean goes with H0
-                pair_sums = self.group.added(add_flow_prior(pair_sums, 9, 1.0), 9, 1.0, None, flow_size)
+                pair_sums = self.group.add_to_sums(add_flow_prior(pair_sums, 9, 1.0), 9, 1.0, None, flow_size)
             marginal, _ = marginalise_flow(pair_sums, 9)
             columns.append(marginalise_nuisance(marginal, self.spin, self.rows.frame))
         return np.stack(columns, axis=1)
@@ -148,7 +148,7 @@ def marginalise_nuisance(sums: ParallaxSums, spin: Literal["free"] | Vector | No
     if isinstance(spin, Vector):
         spin = spin.to_frame(frame)
         is_free = bool(spin.covariance.any())
-        sums = with_prior(sums, spin, OMEGA) if is_free else without_known(sums, spin.value, OMEGA)
+        sums = add_vector_prior(sums, spin, OMEGA) if is_free else subtract_known_motions(sums, spin.value, OMEGA)
     elif spin is not None and not is_free:
         raise ParameterError(f"spin is None, 'free' or a Vector, not {spin!r}")
     matrix, rhs, nuisance = sums.matrix, sums.rhs, list(range(A.start, OMEGA.stop if is_free else A.stop))
@@ -170,7 +170,7 @@ def _check_unknowns_separable(functions, dispersion, excess_noise):
     block = slice(0, 9 if functions.spin is not None else 6)
     matrix = functions.rows.sums(dispersion, excess_noise, threads=functions.threads).matrix[block, block]
     names = ["v_x", "v_y", "v_z", "a_x", "a_y", "a_z", "omega_x", "omega_y", "omega_z"][block]
-    check_determined(matrix, names, functions.rows.n_data // 2)
+    check_parameters_determined(matrix, names, functions.rows.n_data // 2)
 
 
 def _find_largest_log_error(likelihood, functions, n_points=24):

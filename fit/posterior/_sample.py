@@ -21,10 +21,10 @@ from fit.secular_parallax import (
     DistanceModel,
     ParallaxEquations,
     ParallaxParts,
-    flow_covariance,
-    local_group_of,
-    notes_on_group,
-    warn_of_undeclared_frame,
+    compute_flow_covariance,
+    make_local_group_measurement,
+    make_notes_on_local_group,
+    warn_of_undeclared_redshift_frame,
 )
 from vsh.field import MEASURED, Field
 from vsh.io import tables
@@ -58,24 +58,24 @@ def make_equations_and_priors(
             f"{system.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior "
             "takes redshifts alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
         )
-    system = warn_of_undeclared_frame(system, field, distance_model.redshift_frame)
+    system = warn_of_undeclared_redshift_frame(system, field, distance_model.redshift_frame)
     if system.left_out is not None:
         system = replace(system, notes=(_format_omitted_flow_note(system, model_priors), *system.notes))
-    group = local_group_of(priors.local_group, system)
+    group = make_local_group_measurement(priors.local_group, system)
     if group is not None and "flow_amplitude" in model_priors.free:
         raise ParameterError("the Local Group tells a flow of known amplitude: leave out local_group or flow_amplitude")
     if system.modes is not None:
         flows = f"{len(system.modes)} modes of {system.modes.theory.name}" + (", and the Local Group" if group else "")
         model_priors = replace(model_priors, flows=flows, group=group)
     frame = distance_model.redshift_frame or declared_frame(first_field)
-    system = replace(system, notes=(*system.notes, *notes_on_group(system, priors.local_group, frame)))
+    system = replace(system, notes=(*system.notes, *make_notes_on_local_group(system, priors.local_group, frame)))
     return system, model_priors
 
 
 def _format_omitted_flow_note(equations, model_priors):
     """Note on what omitted flows would add."""
     sums = equations.left_out.sums(model_priors.typical_dispersion, 0.0, equations.n_data // 2)
-    flow_errors = np.sqrt(np.diag(flow_covariance(sums, np.eye(9)[:, : OMEGA.start], 1.0)))
+    flow_errors = np.sqrt(np.diag(compute_flow_covariance(sums, np.eye(9)[:, : OMEGA.start], 1.0)))
     return (
         "warning: not in the intervals: flows of linear theory, which galaxies share, add about "
         f"± {np.sqrt(np.mean(flow_errors[:3] ** 2)):.0f} km/s to each component of v H0/H_ref, and ± "

@@ -8,7 +8,7 @@ import numpy as np
 
 from fit.posterior._priors import FITS_UNITS, HUBBLE_LIMITS, SHORT_NAMES, UNITS
 from fit.posterior._sampling import autocorrelate_chains, compute_split_r_hat, make_inference_data
-from fit.results.storage import Result, checked_count, checked_strings
+from fit.results.storage import Result, check_count, check_strings
 from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.sky.frames import check_frame
@@ -210,7 +210,7 @@ class Samples(SampleResult):
         return cls(
             samples=samples,
             frame=check_frame(metadata["frame"]),
-            notes=checked_strings(metadata["notes"]),
+            notes=check_strings(metadata["notes"]),
             priors=dict(metadata["priors"]),
             seed=int(metadata["seed"]),
             walkers=_read_walker_count(samples, metadata),
@@ -219,7 +219,7 @@ class Samples(SampleResult):
 
 def _read_walker_count(samples, metadata):
     """The number of walkers of a file; one where an older file does not say it."""
-    walkers = checked_count(metadata.get("walkers", 1))
+    walkers = check_count(metadata.get("walkers", 1))
     if not walkers or any(values.size % walkers for values in samples.values()):
         raise ParameterError(f"{walkers} walkers do not go with the number of samples")
     return walkers

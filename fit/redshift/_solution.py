@@ -19,7 +19,7 @@ from fit.distances import flow_information, flow_limits
 from fit.results.output import format_amplitude
 from fit.results.quality import Quality, f_p_value, gls
 from fit.results.storage import Result
-from fit.secular_parallax import LEFT_DISPERSION, modes_within
+from fit.secular_parallax import LEFT_DISPERSION, make_flow_modes_within
 from vsh.basis import harmonics
 from vsh.classes import Classes
 from vsh.coefficients import FIRST_DEGREE, vector_of
@@ -191,7 +191,7 @@ def make_shared_flow(
         table = as_parts(field).sum(partial(_tabulate_flow, low=low, high=high), roles=("redshift",), words="redshifts")
         if np.any(table):
             low, high = flow_limits(table)
-    modes = modes_within((low, high), FLAT_PLANCK13, theory, n_modes)
+    modes = make_flow_modes_within((low, high), FLAT_PLANCK13, theory, n_modes)
     return None if modes is None else SharedFlow(theory, modes, LEFT_DISPERSION if dispersion is None else dispersion)
 
 

@@ -83,19 +83,19 @@ class Quality:
             return "no degrees of freedom are left: the residuals say nothing of the errors"
         if not self.contradicted:
             return None
-        size = f"{self.reduced:.3f} is {abs(self.deviations):.1f} standard deviations from 1"
+        deviation_text = f"{self.reduced:.3f} is {abs(self.deviations):.1f} standard deviations from 1"
         if self.deviations > 0:
-            return f"χ²/dof {size}: the residuals suggest errors {self.factor:.3g} times as large"
+            return f"χ²/dof {deviation_text}: the residuals suggest errors {self.factor:.3g} times as large"
         if not self.chi2 > 0:
             return "the residuals are zero: the model was put in, or motions without noise"
-        return f"χ²/dof {size}: the errors seem too large by a factor of {1 / self.factor:.3g}"
+        return f"χ²/dof {deviation_text}: the errors seem too large by a factor of {1 / self.factor:.3g}"
 
 
 def log_p_value(chi2: float, dof: float) -> float:
     """Logarithm of the probability of as much χ² or more, also where the probability underflows."""
-    p = chdtrc(dof, chi2)
-    if p > 1e-290:
-        return np.log(p)
+    p_value = chdtrc(dof, chi2)
+    if p_value > 1e-290:
+        return np.log(p_value)
     # Q(a, x) = x^(a−1) e^{−x}/Γ(a) (1 + (a−1)/x + (a−1)(a−2)/x² + …), the terms as long as they fall.
     a, x = dof / 2, chi2 / 2
     term = total = 1.0
@@ -132,13 +132,13 @@ def norm_limit(norms: FloatArray, sigma: FloatArray, size: int, probability: flo
     28, 2693).
     """
     significance = norms / sigma
-    x = np.linspace(1e-3, max(float(significance.max()), 0.1), 400) ** 2
-    lower, upper = np.zeros_like(x), np.sqrt(x) + 12
+    noncentralities = np.linspace(1e-3, max(float(significance.max()), 0.1), 400) ** 2
+    lower, upper = np.zeros_like(noncentralities), np.sqrt(noncentralities) + 12
     for _ in range(60):
-        middle = (lower + upper) / 2
-        is_allowed = chndtr(x, size, middle**2) / chdtr(size, x) > 1 - probability
-        lower, upper = np.where(is_allowed, middle, lower), np.where(is_allowed, upper, middle)
-    return sigma * np.interp(significance, np.sqrt(x), upper)
+        midpoint = (lower + upper) / 2
+        is_allowed = chndtr(noncentralities, size, midpoint**2) / chdtr(size, noncentralities) > 1 - probability
+        lower, upper = np.where(is_allowed, midpoint, lower), np.where(is_allowed, upper, midpoint)
+    return sigma * np.interp(significance, np.sqrt(noncentralities), upper)
 
 
 def hint_of(p: float) -> str:
@@ -149,18 +149,20 @@ def hint_of(p: float) -> str:
 def gls(values: FloatArray, covariance: FloatArray, design: FloatArray) -> tuple[FloatArray, float, FloatArray]:
     """Generalised least squares of values (B, q) = design (B, k) · θ (k, q): θ flat, χ² and θ's covariance."""
     full_design = np.kron(design, np.eye(values.shape[1]))
-    y = values.ravel()
-    products = np.linalg.solve(covariance, np.column_stack([full_design, y]))
-    theta_covariance = np.linalg.inv(full_design.T @ products[:, :-1])
-    theta = theta_covariance @ (full_design.T @ products[:, -1])
-    chi2 = float(y @ products[:, -1] - theta @ (full_design.T @ products[:, -1]))
+    flat_values = values.ravel()
+    weighted_columns = np.linalg.solve(covariance, np.column_stack([full_design, flat_values]))
+    theta_covariance = np.linalg.inv(full_design.T @ weighted_columns[:, :-1])
+    theta = theta_covariance @ (full_design.T @ weighted_columns[:, -1])
+    chi2 = float(flat_values @ weighted_columns[:, -1] - theta @ (full_design.T @ weighted_columns[:, -1]))
     return theta, chi2, theta_covariance
 
 
-def solution_of(result: Any, attribute: str) -> Any:
+def solution_of(result: Any, attribute_name: str) -> Any:
     """The solution for coefficients that a result is about, or the result itself where it is one."""
     solution = getattr(result, "solution", result)
     if not hasattr(solution, "error_source"):  # coefficients with a covariance say where it is from
-        hint = f": use its own, .{attribute}" if hasattr(solution, attribute) else ""
-        raise ParameterError(f"{attribute} is for solutions for coefficients, not a {type(solution).__name__}{hint}")
+        hint = f": use its own, .{attribute_name}" if hasattr(solution, attribute_name) else ""
+        raise ParameterError(
+            f"{attribute_name} is for solutions for coefficients, not a {type(solution).__name__}{hint}"
+        )
     return solution

@@ -16,12 +16,12 @@ from scipy.linalg import solve_triangular
 from fit.results.quality import ErrorSource, Quality
 from fit.results.storage import (
     Result,
-    checked_count,
-    checked_strings,
-    coefficient_columns,
+    check_count,
+    check_strings,
     decode_value,
     encode_value,
     from_hex,
+    make_coefficient_columns,
     to_hex,
 )
 from vsh.coefficients import FIRST_DEGREE, Coefficients, vector_of
@@ -51,11 +51,11 @@ class Gaussian(NamedTuple):
 
     def log_density(self, parameters: ArrayLike) -> FloatArray:
         """Logarithm of the normalised density at parameters, (…, p) → (…)."""
-        factor = np.linalg.cholesky(self.covariance)
+        cholesky_factor = np.linalg.cholesky(self.covariance)
         deviation = np.asarray(parameters, float) - self.mean
-        white = solve_triangular(factor, deviation.reshape(-1, len(self.mean)).T, lower=True)
-        constant = np.log(np.diag(factor)).sum() + len(self.mean) / 2 * np.log(2 * np.pi)
-        return (-0.5 * (white**2).sum(0) - constant).reshape(deviation.shape[:-1])
+        white_deviation = solve_triangular(cholesky_factor, deviation.reshape(-1, len(self.mean)).T, lower=True)
+        constant = np.log(np.diag(cholesky_factor)).sum() + len(self.mean) / 2 * np.log(2 * np.pi)
+        return (-0.5 * (white_deviation**2).sum(0) - constant).reshape(deviation.shape[:-1])
 
 
 class LinearSolution(Result):
@@ -75,16 +75,16 @@ class LinearSolution(Result):
 
     def __getitem__(self, name: str) -> Any:
         """A vector ("spin", "acceleration", "orientation") as a Vector, or a parameter as (value, sigma)."""
-        vectors, names = ["spin", "acceleration", "orientation"], [str(word) for word in self.names]
-        if name in vectors:
+        vector_names, names = ["spin", "acceleration", "orientation"], [str(word) for word in self.names]
+        if name in vector_names:
             with suppress(AttributeError, ValueError):  # what is not among the parameters of a solution
                 if (vector := getattr(self, name)) is not None:
                     return vector
         if name in names:
             index = names.index(name)
             return float(self.values[index]), float(self.sigma[index])
-        near = [word for word in get_close_matches(str(name), [*vectors, *names], n=3) if word != name]
-        hint = f": is it {' or '.join(near)}?" if near else ""
+        similar_names = [word for word in get_close_matches(str(name), [*vector_names, *names], n=3) if word != name]
+        hint = f": is it {' or '.join(similar_names)}?" if similar_names else ""
         raise ParameterError(f"nothing of this solution is called {name!r}{hint}")
 
     @property
@@ -266,8 +266,8 @@ class Solution(LinearSolution):
 
     def to_table(self) -> Table:
         """The coefficients with their errors as an astropy Table, a row each."""
-        columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": self.sigma}
-        units = {name: self._units[name] for name in ("value", "sigma") if self._units}
+        columns = make_coefficient_columns(self.modes) | {"value": self.values, "sigma": self.sigma}
+        units = {name: self._column_units[name] for name in ("value", "sigma") if self._column_units}
         return tables.table_of(columns, {"frame": self.frame}, units)
 
     @property
@@ -358,12 +358,12 @@ class Solution(LinearSolution):
         """
         values, covariance = self.of_degree(kind, l)
         wc = self._compute_weighted_covariance(kind, l)
-        wcwc = np.trace(wc @ wc)
-        wc_c = self._compute_power_weights(l) * values
-        signal = max(0.0, wc_c @ covariance @ wc_c - wcwc)
+        trace_wcwc = np.trace(wc @ wc)
+        weighted_values = self._compute_power_weights(l) * values
+        signal_term = max(0.0, weighted_values @ covariance @ weighted_values - trace_wcwc)
         if not self.p_value(kind, l) <= 0.05:
-            signal = 0.0
-        return float(np.sqrt(4 * signal + 2 * wcwc))
+            signal_term = 0.0
+        return float(np.sqrt(4 * signal_term + 2 * trace_wcwc))
 
     def p_value(self, kind: Kind, l: int) -> float:
         """Probability that noise alone gives degree `l` of `kind` as much signal or more.
@@ -397,7 +397,7 @@ class Solution(LinearSolution):
         from fit.results.output import vectors_of
 
         formal = vectors_of(self.formal)
-        rows = self._list_mean_rows() + [
+        rows = self._make_mean_rows() + [
             (f"{name}_{axis}", value, error, formal_error, value - error, value + error)
             for name, vector in vectors_of(self).items()
             for axis, value, error, formal_error in zip(
@@ -407,7 +407,7 @@ class Solution(LinearSolution):
         names = ("parameter", "value", "error", "formal_error", "low_68", "high_68")
         return tables.table_of_rows(names, rows, {"frame": self.frame}, dict.fromkeys(names[1:], self.unit))
 
-    def _list_mean_rows(self):
+    def _make_mean_rows(self):
         """The row of the mean, of a scalar field alone."""
         return []
 
@@ -460,9 +460,9 @@ class Solution(LinearSolution):
         """
         return self._compute_penalised_chi2(np.log(self.n_data))
 
-    def _compute_penalised_chi2(self, penalty):
+    def _compute_penalised_chi2(self, penalty_per_coefficient):
         """χ² with a penalty for each coefficient that the data determine."""
-        return float(self.chi2 + penalty * (len(self.coefficients.values) - self.by_prior))
+        return float(self.chi2 + penalty_per_coefficient * (len(self.coefficients.values) - self.by_prior))
 
     def latex(
         self, style: Literal["booktabs", "siunitx", "aastex", "aa", "mnras"] = "booktabs", *, full: bool = False
@@ -497,8 +497,8 @@ class Solution(LinearSolution):
         """
         if self.without_prior is not None and l > 1:
             return self.without_prior.of_degree(kind, l)
-        degree = self.modes.slice_of(kind, l)
-        return self.coefficients.values[degree], self.covariance[degree, degree]
+        degree_slice = self.modes.slice_of(kind, l)
+        return self.coefficients.values[degree_slice], self.covariance[degree_slice, degree_slice]
 
     @property
     def dof(self) -> int:
@@ -541,21 +541,24 @@ class Solution(LinearSolution):
         return widget(ShownSolution("fit", field, self.coefficients, self.covariance, self.unit), height=height)
 
     def _pack(self):
-        columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": self.sigma}
+        columns = make_coefficient_columns(self.modes) | {"value": self.values, "sigma": self.sigma}
         metadata: dict[str, Any] = {"lmax": self.modes.lmax, "notes": list(map(str, self.notes))}
         metadata["note_codes"] = list(codes_of(self.notes))
-        attributes = {name: getattr(self, name) for name in self._plain_names()}
-        metadata |= {name: to_hex(x) if isinstance(x, float) else encode_value(x) for name, x in attributes.items()}
-        return columns | {"covariance": self.covariance}, metadata, self._units
+        attributes = {name: getattr(self, name) for name in self._list_plain_attributes()}
+        metadata |= {
+            name: to_hex(value) if isinstance(value, float) else encode_value(value)
+            for name, value in attributes.items()
+        }
+        return columns | {"covariance": self.covariance}, metadata, self._column_units
 
     @staticmethod
-    def _plain_names():
+    def _list_plain_attributes():
         """Attributes of every solution that stand in the metadata of its file as they are."""
-        columns = ("coefficients", "covariance", "notes")
-        return [entry.name for entry in fields(Solution) if entry.name not in columns]
+        excluded_names = ("coefficients", "covariance", "notes")
+        return [entry.name for entry in fields(Solution) if entry.name not in excluded_names]
 
     @property
-    def _units(self):
+    def _column_units(self):
         """Units of the columns, where they are ones that tables know."""
         units = {"µas/yr": ("uas / yr", "uas2 / yr2"), "µas": ("uas", "uas2")}
         if self.unit not in units:
@@ -571,15 +574,18 @@ class Solution(LinearSolution):
     @classmethod
     def _decode_attributes(cls, columns, metadata):
         """Attributes of every solution."""
-        known = {"floor": None, "formal_covariance": None} | metadata  # which older files lack
-        plain = {name: decode_value(known[name]) for name in cls._plain_names()}
-        plain |= {name: from_hex(plain[name]) for name in ("chi2", "covariance_dof", "by_prior")}
-        plain |= {name: str(plain[name]) for name in ("errors_from", "unit")}
-        plain |= {name: plain[name] is True for name in ("includes_floor", "is_recommended")}
-        plain["n_data"], plain["frame"] = (checked_count(plain["n_data"]), check_frame(plain["frame"]))
-        plain["notes"] = add_codes(checked_strings(metadata["notes"]), checked_strings(metadata["note_codes"]))
+        stored_attributes = {"floor": None, "formal_covariance": None} | metadata  # which older files lack
+        attributes = {name: decode_value(stored_attributes[name]) for name in cls._list_plain_attributes()}
+        attributes |= {name: from_hex(attributes[name]) for name in ("chi2", "covariance_dof", "by_prior")}
+        attributes |= {name: str(attributes[name]) for name in ("errors_from", "unit")}
+        attributes |= {name: attributes[name] is True for name in ("includes_floor", "is_recommended")}
+        attributes["n_data"], attributes["frame"] = (
+            check_count(attributes["n_data"]),
+            check_frame(attributes["frame"]),
+        )
+        attributes["notes"] = add_codes(check_strings(metadata["notes"]), check_strings(metadata["note_codes"]))
         coefficients = cls._coefficients(metadata["lmax"], columns["value"])
-        return plain | {"coefficients": coefficients, "covariance": columns["covariance"]}
+        return attributes | {"coefficients": coefficients, "covariance": columns["covariance"]}
 
 
 def with_errors(
@@ -603,7 +609,7 @@ class ScalarSolution(Solution):
         """The mean over the sky with its error, f_00/√4π; for degree 0 the weighted mean of the sources."""
         return float(self.values[0] / np.sqrt(4 * np.pi)), float(self.sigma[0] / np.sqrt(4 * np.pi))
 
-    def _list_mean_rows(self):
+    def _make_mean_rows(self):
         (value, error), formal = self.mean, float(self.formal.sigma[0] / np.sqrt(4 * np.pi))
         return [("mean", value, error, formal, value - error, value + error)]
 
@@ -700,27 +706,27 @@ class NamedSolution(LinearSolution):
     def _pack(self):
         columns = {"parameter": list(self.names), "value": self.values, "sigma": self.sigma}
         columns["covariance"] = self.covariance
-        others = [entry.name for entry in fields(self) if entry.name not in ("names", "values", "covariance")]
-        return columns, {"fields": {name: encode_value(getattr(self, name)) for name in others}}, {}
+        other_names = [entry.name for entry in fields(self) if entry.name not in ("names", "values", "covariance")]
+        return columns, {"fields": {name: encode_value(getattr(self, name)) for name in other_names}}, {}
 
     @classmethod
     def _unpack(cls, columns, metadata):
-        options = {name: decode_value(value) for name, value in metadata["fields"].items()}
-        options["n_data"], options["frame"] = checked_count(options["n_data"]), check_frame(options["frame"])
+        attributes = {name: decode_value(value) for name, value in metadata["fields"].items()}
+        attributes["n_data"], attributes["frame"] = check_count(attributes["n_data"]), check_frame(attributes["frame"])
         names = tuple(columns["parameter"].tolist())
         if len(set(names)) < len(names):
             raise TableError("names of parameters repeat")
-        return cls(names=names, values=columns["value"], covariance=columns["covariance"], **options)
+        return cls(names=names, values=columns["value"], covariance=columns["covariance"], **attributes)
 
     @property
     def spin(self) -> Vector | None:
         """ω, a Vector in µas/yr, or None where it is not among the parameters."""
-        return self._vector("omega") if "omega_x" in self.names else None
+        return self._make_vector("omega") if "omega_x" in self.names else None
 
     @property
     def acceleration(self) -> Vector:
         """ã, a Vector in µas/yr."""
-        return self._vector("a")
+        return self._make_vector("a")
 
     def to_table(self) -> Table:
         """Parameters with their errors and correlations as an astropy Table, a row each."""
@@ -734,7 +740,7 @@ class NamedSolution(LinearSolution):
 
         return plot_correlation(self, ax=ax)
 
-    def _vector(self, name, unit="µas/yr"):
-        start = self.names.index(f"{name}_x")
-        block = slice(start, start + 3)
-        return Vector(self.values[block], self.covariance[block, block], self.frame, unit)
+    def _make_vector(self, name, unit="µas/yr"):
+        first_index = self.names.index(f"{name}_x")
+        components = slice(first_index, first_index + 3)
+        return Vector(self.values[components], self.covariance[components, components], self.frame, unit)

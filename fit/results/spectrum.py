@@ -40,9 +40,9 @@ class Degree(NamedTuple):
         the degree have the same error. On the sky of the demo, and on a sky without latitudes below 30°, nominal 95 %
         limits have 94 to 100 % coverage for powers from zero to thirty times the noise.
         """
-        n = 2 * self.l + 1
-        norm, sigma = np.sqrt([self.power]), np.sqrt([self.noise / n])
-        return float(norm_limit(norm, sigma, n, probability)[0] ** 2)
+        n_coefficients = 2 * self.l + 1
+        norm, sigma = np.sqrt([self.power]), np.sqrt([self.noise / n_coefficients])
+        return float(norm_limit(norm, sigma, n_coefficients, probability)[0] ** 2)
 
 
 def spectrum(solution: Any) -> list[Degree]:
@@ -56,17 +56,21 @@ def spectrum(solution: Any) -> list[Degree]:
     """
     solution = solution_of(solution, "spectrum")
     modes = solution.modes
-    return [_compute_degree(solution, kind, l) for kind in modes.kinds for l in range(modes.lowest, modes.lmax + 1)]
+    return [
+        _compute_degree_statistics(solution, kind, l)
+        for kind in modes.kinds
+        for l in range(modes.lowest, modes.lmax + 1)
+    ]
 
 
-def wilson_hilferty(w: float, n: float) -> float:
+def compute_wilson_hilferty_z(w: float, n: float) -> float:
     """Z = √(9n/2) [(W/n)^⅓ − (1 − 2/(9n))]: nearly normal when W is χ² with n degrees of freedom."""
     return np.sqrt(4.5 * n) * (np.cbrt(w / n) - (1 - 2 / (9 * n)))
 
 
-def _compute_degree(solution, kind, l):
-    n = 2 * l + 1
-    w = solution.chi2_of_degree(kind, l)
+def _compute_degree_statistics(solution, kind, l):
+    n_coefficients = 2 * l + 1
+    chi2 = solution.chi2_of_degree(kind, l)
     p_value = solution.p_value(kind, l)
     power = solution.power(kind, l, debiased=False)
     mk_w = power / solution.of_degree(kind, l)[1][0, 0]
@@ -77,14 +81,14 @@ def _compute_degree(solution, kind, l):
         solution.noise_power(kind, l),
         solution.power_error(kind, l),
         p_value,
-        _compute_deviate(solution, w, n, p_value),
+        _compute_degree_deviate(solution, chi2, n_coefficients, p_value),
         float(mk_w),
-        float(wilson_hilferty(mk_w, n)),
+        float(compute_wilson_hilferty_z(mk_w, n_coefficients)),
     )
 
 
-def _compute_deviate(solution, w, n, p_value):
+def _compute_degree_deviate(solution, chi2, n_coefficients, p_value):
     """z of the p-value; from χ² itself where there is one, since p rounds to 0 and 1."""
     if np.isinf(solution.covariance_dof):
-        return float(normal_deviate(w, n))
+        return float(normal_deviate(chi2, n_coefficients))
     return float(-ndtri(p_value))

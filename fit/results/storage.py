@@ -37,21 +37,24 @@ from vsh.tools.types import PathName, Table
 __all__ = ["Result", "read"]
 
 
-def is_same(one: Any, two: Any) -> bool:
+def is_same_value(first: Any, second: Any) -> bool:
     """Return whether two values, arrays and sequences of them among them, are equal; nan equals nan."""
-    if isinstance(one, np.ndarray) or isinstance(two, np.ndarray):
-        one, two = np.asarray(one), np.asarray(two)
-        return one.shape == two.shape and np.array_equal(one, two, equal_nan=one.dtype.kind == "f")
-    if isinstance(one, (list, tuple)) and isinstance(two, (list, tuple)):
-        is_same_kind = getattr(one, "_fields", None) == getattr(two, "_fields", None)
-        return is_same_kind and len(one) == len(two) and all(map(is_same, one, two))
-    if isinstance(one, dict) and isinstance(two, dict):
-        return [*one] == [*two] and all(is_same(one[key], two[key]) for key in one)
-    if isinstance(one, float) and isinstance(two, float) and np.isnan(one):
-        return bool(np.isnan(two))
-    if is_dataclass(one) and not isinstance(one, type) and type(one) is type(two):
-        return all(is_same(getattr(one, name), getattr(two, name)) for name in _list_attributes(type(one)) or ())
-    return bool(one == two)
+    if isinstance(first, np.ndarray) or isinstance(second, np.ndarray):
+        first, second = np.asarray(first), np.asarray(second)
+        return first.shape == second.shape and np.array_equal(first, second, equal_nan=first.dtype.kind == "f")
+    if isinstance(first, (list, tuple)) and isinstance(second, (list, tuple)):
+        is_same_kind = getattr(first, "_fields", None) == getattr(second, "_fields", None)
+        return is_same_kind and len(first) == len(second) and all(map(is_same_value, first, second))
+    if isinstance(first, dict) and isinstance(second, dict):
+        return [*first] == [*second] and all(is_same_value(first[key], second[key]) for key in first)
+    if isinstance(first, float) and isinstance(second, float) and np.isnan(first):
+        return bool(np.isnan(second))
+    if is_dataclass(first) and not isinstance(first, type) and type(first) is type(second):
+        return all(
+            is_same_value(getattr(first, name), getattr(second, name))
+            for name in _list_constructor_attributes(type(first)) or ()
+        )
+    return bool(first == second)
 
 
 def encode_value(value: Any) -> Any:
@@ -61,8 +64,10 @@ def encode_value(value: Any) -> Any:
         compressed_text = base64.b85encode(zlib.compress(array.tobytes(), 6)).decode()
         return {"array": compressed_text, "kind": array.dtype.str, "shape": list(array.shape)}
     if type(value).__module__.split(".")[0] in ("fit", "vsh") and (is_dataclass(value) or hasattr(value, "_fields")):
-        about = {"type": type(value).__name__, "module": type(value).__module__}
-        return about | {"fields": {name: encode_value(getattr(value, name)) for name in _list_attributes(type(value))}}
+        class_and_module = {"type": type(value).__name__, "module": type(value).__module__}
+        return class_and_module | {
+            "fields": {name: encode_value(getattr(value, name)) for name in _list_constructor_attributes(type(value))}
+        }
     if isinstance(value, np.bool_):
         return bool(value)
     if isinstance(value, (bool, int, np.integer)) or value is None:
@@ -78,7 +83,7 @@ def encode_value(value: Any) -> Any:
     return str(value)
 
 
-def _list_attributes(record_class):
+def _list_constructor_attributes(record_class):
     """Names of what a dataclass or a NamedTuple is made with; None for anything else."""
     if is_dataclass(record_class):
         return [entry.name for entry in fields(record_class) if entry.init]
@@ -86,51 +91,51 @@ def _list_attributes(record_class):
     return list(record_class._fields) if is_tuple else None
 
 
-def decode_value(plain: Any) -> Any:
+def decode_value(encoded: Any) -> Any:
     """Decode what `encode_value` wrote."""
-    if not isinstance(plain, dict):
-        return plain
-    if "array" in plain:
-        dtype = np.dtype(plain["kind"])
-        shape = tuple(checked_count(size) for size in plain["shape"])
+    if not isinstance(encoded, dict):
+        return encoded
+    if "array" in encoded:
+        dtype = np.dtype(encoded["kind"])
+        shape = tuple(check_count(length) for length in encoded["shape"])
         if dtype.hasobject or dtype.itemsize * int(np.prod(shape, dtype=float)) > 2**34:
             raise TableError("an array")
-        byte_count = dtype.itemsize * int(np.prod(shape))
+        n_bytes = dtype.itemsize * int(np.prod(shape))
         try:
-            raw_bytes = zlib.decompressobj().decompress(base64.b85decode(plain["array"]), byte_count + 1)
+            raw_bytes = zlib.decompressobj().decompress(base64.b85decode(encoded["array"]), n_bytes + 1)
         except zlib.error as error:
             raise TableError(f"an array ({error})") from None
-        if len(raw_bytes) != byte_count:
+        if len(raw_bytes) != n_bytes:
             raise TableError("the size of an array")
         return np.frombuffer(raw_bytes, dtype).reshape(shape).astype(dtype.newbyteorder("="))
-    if "float" in plain:
-        return from_hex(plain["float"])
-    if "note" in plain:
-        return CodedNote(str(plain["note"]), str(plain["code"]))
-    if "dict" in plain:
-        return {decode_value(key): decode_value(item) for key, item in plain["dict"]}
-    if "list" in plain:
-        return [decode_value(item) for item in plain["list"]]
-    if "tuple" in plain:
-        return tuple(decode_value(item) for item in plain["tuple"])
-    if not re.fullmatch(r"(fit|vsh)(\.\w+)+", plain["module"]):
-        raise TableError(f"a {plain['type']}")
-    record_class: Any = _import_class(plain["module"], plain["type"])
-    if _list_attributes(record_class) is None:
-        raise TableError(f"a {plain['type']}")
-    return record_class(**{name: decode_value(item) for name, item in plain["fields"].items()})
+    if "float" in encoded:
+        return from_hex(encoded["float"])
+    if "note" in encoded:
+        return CodedNote(str(encoded["note"]), str(encoded["code"]))
+    if "dict" in encoded:
+        return {decode_value(key): decode_value(item) for key, item in encoded["dict"]}
+    if "list" in encoded:
+        return [decode_value(item) for item in encoded["list"]]
+    if "tuple" in encoded:
+        return tuple(decode_value(item) for item in encoded["tuple"])
+    if not re.fullmatch(r"(fit|vsh)(\.\w+)+", encoded["module"]):
+        raise TableError(f"a {encoded['type']}")
+    record_class: Any = _import_class(encoded["module"], encoded["type"])
+    if _list_constructor_attributes(record_class) is None:
+        raise TableError(f"a {encoded['type']}")
+    return record_class(**{name: decode_value(item) for name, item in encoded["fields"].items()})
 
 
-def _import_class(module, name):
+def _import_class(module, class_name):
     """Import a class from the module that a file names, or from the package that exports it."""
-    module, name = MOVED.get(module, module), RENAMED.get(name, name)
+    module, class_name = MOVED.get(module, module), RENAMED.get(class_name, class_name)
     for module_name in (module, module.partition("._")[0]):
         with suppress(ImportError, AttributeError):
-            return getattr(import_module(module_name), name)
-    raise TableError(f"a {name}")
+            return getattr(import_module(module_name), class_name)
+    raise TableError(f"a {class_name}")
 
 
-def coefficient_columns(modes: Modes) -> dict[str, list[Any]]:
+def make_coefficient_columns(modes: Modes) -> dict[str, list[Any]]:
     """The columns that name each coefficient."""
     mode_list = list(modes)
     return {
@@ -142,9 +147,9 @@ def coefficient_columns(modes: Modes) -> dict[str, list[Any]]:
     }
 
 
-def to_hex(x: Any) -> str:
+def to_hex(number: Any) -> str:
     """A number in hexadecimal: every bit, nan and inf among them."""
-    return float(x).hex()
+    return float(number).hex()
 
 
 def from_hex(text: Any) -> Any:
@@ -152,14 +157,14 @@ def from_hex(text: Any) -> Any:
     return float.fromhex(text) if isinstance(text, str) else text
 
 
-def checked_strings(values: Any) -> tuple[str, ...]:
+def check_strings(values: Any) -> tuple[str, ...]:
     """A list of strings, checked, as a tuple."""
     if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
         raise TableError(f"a list of words is expected, not {values!r}")
     return tuple(values)
 
 
-def checked_count(value: Any) -> int:
+def check_count(value: Any) -> int:
     """A whole number of at least zero, checked."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise TableError(f"{value!r} is no count")
@@ -167,9 +172,9 @@ def checked_count(value: Any) -> int:
 
 
 #: Kinds of results whose modules have been imported, by name.
-_KINDS: dict[str, type[Result]] = {}
+_RESULT_CLASSES: dict[str, type[Result]] = {}
 #: A file names the module of its kind; none but ours is ever imported.
-_OURS = re.compile(r"fit(\.\w+)+")
+_OUR_MODULES = re.compile(r"fit(\.\w+)+")
 
 
 class Result(Frozen):
@@ -217,7 +222,7 @@ class Result(Frozen):
     def to_table(self) -> Table:
         """The result as an astropy Table: the columns that `write` writes."""
         columns, _, units = self._pack()
-        return tables.table_of(columns, self._plain_facts(), units)
+        return tables.table_of(columns, self._collect_header_facts(), units)
 
     def summary(self) -> Table:
         """The result as an astropy Table: `to_table`."""
@@ -235,7 +240,9 @@ class Result(Frozen):
 
     def __repr__(self) -> str:
         """Name and attributes in one line, arrays by their shapes."""
-        attributes = [f"{entry.name} {_format_short(getattr(self, entry.name))}" for entry in fields(cast(Any, self))]
+        attributes = [
+            f"{entry.name} {_format_value_briefly(getattr(self, entry.name))}" for entry in fields(cast(Any, self))
+        ]
         return f"<{type(self).__name__}: {textwrap.shorten(', '.join(attributes), 200, placeholder=' …')}>"
 
     def _repr_html_(self) -> str:
@@ -246,7 +253,7 @@ class Result(Frozen):
         panels = [page.facts(answer.lines), *map(page.section, self.sections())]
         return "\n".join(panel.html for panel in panels)
 
-    def _plain_facts(self):
+    def _collect_header_facts(self):
         """Facts for the header of the table."""
         facts = {"frame": getattr(self, "frame", None), "n_data": getattr(self, "n_data", None)}
         return {key: value for key, value in facts.items() if isinstance(value, str | int)}
@@ -260,15 +267,15 @@ class Result(Frozen):
 
     @classmethod
     def _unpack(cls, columns, metadata):
-        stored = metadata["fields"]  # an older version may not have had a field with a default
-        entries = [entry for entry in fields(cast(Any, cls)) if entry.name in stored or entry.default is MISSING]
-        return cls(**{entry.name: decode_value(stored[entry.name]) for entry in entries})
+        stored_fields = metadata["fields"]  # an older version may not have had a field with a default
+        entries = [entry for entry in fields(cast(Any, cls)) if entry.name in stored_fields or entry.default is MISSING]
+        return cls(**{entry.name: decode_value(stored_fields[entry.name]) for entry in entries})
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
         if "__repr__" not in cls.__dict__:  # or a dataclass writes its own, with every number of every array
             cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
-        _KINDS[cls.__name__] = cls
+        _RESULT_CLASSES[cls.__name__] = cls
 
     def write(self, path: PathName, meta: dict[str, Any] | None = None, *, overwrite: bool = False) -> None:
         """Write to an ECSV or FITS file, which takes its name when it is complete.
@@ -289,14 +296,14 @@ class Result(Frozen):
         WriteError
             If the file exists, and is not to be replaced.
         """
-        _check_format(path)
+        _check_file_suffix(path)
         check_overwrite_allowed(path, overwrite)
         columns, metadata, units = self._pack()
-        mark = json.dumps({"type": type(self).__name__, "module": type(self).__module__} | metadata)
-        facts = self._plain_facts()
+        result_mark = json.dumps({"type": type(self).__name__, "module": type(self).__module__} | metadata)
+        header_facts = self._collect_header_facts()
         if getattr(self, "notes", None) and tables.format_of(path) == "ascii.ecsv":  # a FITS header has no lists
-            facts["notes"] = list(map(str, getattr(self, "notes", ())))
-        tables.write_columns(path, columns, facts | (meta or {}) | {RESULT_MARK: mark}, units, overwrite)
+            header_facts["notes"] = list(map(str, getattr(self, "notes", ())))
+        tables.write_columns(path, columns, header_facts | (meta or {}) | {RESULT_MARK: result_mark}, units, overwrite)
 
     @classmethod
     def read(cls, path: PathName) -> Self:
@@ -324,13 +331,15 @@ class Result(Frozen):
         """Return whether two results are of one kind and the same in every number."""
         if type(other) is not type(self):
             return NotImplemented
-        return all(is_same(getattr(self, entry.name), getattr(other, entry.name)) for entry in fields(cast(Any, self)))
+        return all(
+            is_same_value(getattr(self, entry.name), getattr(other, entry.name)) for entry in fields(cast(Any, self))
+        )
 
     def __hash__(self) -> int:
         return hash((type(self).__name__, repr(self)))
 
 
-def _format_short(value):
+def _format_value_briefly(value):
     """A value in a few letters: arrays and sequences by their sizes."""
     if isinstance(value, np.ndarray):
         return f"({' × '.join(map(str, value.shape))})"
@@ -352,7 +361,7 @@ def read(path: PathName) -> Result:
     TableError
         If the file holds none, or one that is not as it was written.
     """
-    _check_format(path)
+    _check_file_suffix(path)
     table, file_name = tables.read_table(path), printable(path)
     try:
         metadata = json.loads({key.upper(): value for key, value in table.meta.items()}[RESULT_MARK])
@@ -360,7 +369,7 @@ def read(path: PathName) -> Result:
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError, ImportError):
         raise TableError(f"{file_name} holds no result of a fit: it lacks its mark, RESULT, in the metadata") from None
     try:
-        result_class = _find_kind(type_name, module)
+        result_class = _find_result_class(type_name, module)
     except (KeyError, ImportError):
         raise TableError(
             f"{file_name} holds a {printable(type_name)} of the module {printable(module)}, which is not known here: "
@@ -369,7 +378,7 @@ def read(path: PathName) -> Result:
     try:
         columns = {name: _convert_to_native_array(name, table[name]) for name in table.colnames}
         result = result_class._unpack(columns, metadata)
-        _check_same(result, columns, table)
+        _check_packed_columns(result, columns, table)
     except (VshError, KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
         reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise TableError(
@@ -378,31 +387,31 @@ def read(path: PathName) -> Result:
     return result
 
 
-def _find_kind(name, module):
-    if name not in _KINDS and _OURS.fullmatch(module):
+def _find_result_class(class_name, module):
+    if class_name not in _RESULT_CLASSES and _OUR_MODULES.fullmatch(module):
         with suppress(TableError):
-            _import_class(module, name)
-    return _KINDS[name]
+            _import_class(module, class_name)
+    return _RESULT_CLASSES[class_name]
 
 
-def _check_same(result, columns, table):
+def _check_packed_columns(result, read_columns, table):
     """Packed again, the result must give the columns that were read, in their order and units."""
     from astropy.units import Unit
 
     packed_columns, _, units = result._pack()
-    if set(packed_columns) != set(columns):
-        raise TableError(f"columns {', '.join(sorted(set(packed_columns) ^ set(columns)))}")
+    if set(packed_columns) != set(read_columns):
+        raise TableError(f"columns {', '.join(sorted(set(packed_columns) ^ set(read_columns)))}")
     for name, values in packed_columns.items():
-        if not is_same(np.asarray(values).astype(columns[name].dtype), columns[name]):
+        if not is_same_value(np.asarray(values).astype(read_columns[name].dtype), read_columns[name]):
             raise TableError(f"column {name} does not go with the others")
         unit, expected_unit = table[name].unit, units.get(name)
         if (unit is None) != (expected_unit is None) or (expected_unit is not None and unit != Unit(expected_unit)):
             raise TableError(f"column {name} is in {unit}, not in {expected_unit}")
 
 
-def _check_format(path):
-    name = str(path).lower().removesuffix(".gz")
-    if not name.endswith((".ecsv", ".fits", ".fit")):
+def _check_file_suffix(path):
+    lower_name = str(path).lower().removesuffix(".gz")
+    if not lower_name.endswith((".ecsv", ".fits", ".fit")):
         raise TableError(f"{printable(path)}: results are written as .ecsv or .fits, which keep every bit")
 
 

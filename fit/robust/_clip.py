@@ -64,7 +64,7 @@ class ClippedFit(AboutSolution):
 
     def select(self, field: Field) -> Field:
         """Select the sources of a `field` in the solution's frame that agree with the fit; a step for `Parts.map`."""
-        return _select_within(field, partial(_compute_distances, solution=self.solution), self.limit)
+        return _select_within_limit(field, partial(_compute_distances, solution=self.solution), self.limit)
 
     def sources(self, field: Field | Parts) -> Field | Parts:
         """The sources that were kept, of the `field` or the parts that were clipped; a note says how many were not."""
@@ -142,81 +142,107 @@ def clip(
     limit_in_medians = (
         float(np.sqrt(chdtri(components, 2.0 ** -(kappa**2)) / chdtri(components, 0.5))) if threshold is None else 1.0
     )
-    selection_hash, before, known_hashes = None, None, set()
+    selection_hash, previous_criterion, earlier_hashes = None, None, set()
     for rounds in range(1, max_rounds + 1):
         solution = solve(normal)
-        distances = partial(_compute_distances, solution=solution)
+        compute_distances = partial(_compute_distances, solution=solution)
         if sky.in_memory is not None:  # once a round, for the median and the choice alike
-            distances = partial(_return_known_distances, values=distances(sky.in_memory))
-        limit = threshold or limit_in_medians * float(median(sky, distances, f"clip, round {rounds}"))
-        summary = sky.sum(
-            partial(_count_within, distances=distances, limit=limit), roles=(), words=f"clip, round {rounds}"
+            compute_distances = partial(_return_known_distances, distances=compute_distances(sky.in_memory))
+        limit = threshold or limit_in_medians * float(median(sky, compute_distances, f"clip, round {rounds}"))
+        kept_summary = sky.sum(
+            partial(_count_and_hash_kept, compute_distances=compute_distances, limit=limit),
+            roles=(),
+            words=f"clip, round {rounds}",
         )
-        if summary["mark"] == selection_hash or (selection_hash is None and summary["sources"] == n_sources):
-            rule = (
+        if kept_summary["mark"] == selection_hash or (selection_hash is None and kept_summary["sources"] == n_sources):
+            rule_text = (
                 f"κ = {kappa:g}{'' if components == 2 else f', {limit_in_medians:.3g}'} times the median"
                 if threshold is None
                 else "the given threshold"
             )
-            bound = f"residuals X > {limit:.3g} standard errors ({rule}; {rounds} rounds)"
-            note = CodedNote(f"clipped {n_sources - n_kept} of {n_sources} sources with {bound}", CLIPPED)
-            mask = distances(sky.in_memory) <= limit if sky.in_memory is not None else None
-            return _correct_bias(solution, mask, rounds, limit, q, note, n_sources - n_kept)
-        if components * summary["sources"] < len(modes):
+            bound_text = f"residuals X > {limit:.3g} standard errors ({rule_text}; {rounds} rounds)"
+            note = CodedNote(f"clipped {n_sources - n_kept} of {n_sources} sources with {bound_text}", CLIPPED)
+            is_kept = compute_distances(sky.in_memory) <= limit if sky.in_memory is not None else None
+            return _correct_clipping_bias(solution, is_kept, rounds, limit, q, note, n_sources - n_kept)
+        if components * kept_summary["sources"] < len(modes):
             raise ConvergenceError(
-                f"clipping leaves {summary['sources']} of {n_sources} sources, too few for {len(modes)} coefficients: "
-                f"take a larger {'kappa' if threshold is None else 'threshold'} than {cutoff:g}"
+                f"clipping leaves {kept_summary['sources']} of {n_sources} sources, too few for {len(modes)} "
+                f"coefficients: take a larger {'kappa' if threshold is None else 'threshold'} than {cutoff:g}"
             )
-        selection_hash, n_kept = summary["mark"], summary["sources"]
-        if selection_hash in known_hashes or rounds == max_rounds:
+        selection_hash, n_kept = kept_summary["mark"], kept_summary["sources"]
+        if selection_hash in earlier_hashes or rounds == max_rounds:
             n_swinging = sky.sum(
-                partial(_count_differing, criterion=(distances, limit), previous=before), roles=(), words="clip"
+                partial(
+                    _count_differing_sources,
+                    criterion=(compute_distances, limit),
+                    previous_criterion=previous_criterion,
+                ),
+                roles=(),
+                words="clip",
             )
-        if selection_hash in known_hashes and n_swinging <= max(1, n_sources // 1000):
-            return _fit_sources_kept_by_both(sky, modes, (distances, limit), before, rounds, n_swinging, q)
-        if selection_hash in known_hashes:
+        if selection_hash in earlier_hashes and n_swinging <= max(1, n_sources // 1000):
+            return _fit_sources_kept_by_both(
+                sky, modes, (compute_distances, limit), previous_criterion, rounds, n_swinging, q
+            )
+        if selection_hash in earlier_hashes:
             raise ConvergenceError(
                 f"the clipping oscillates after {rounds} rounds: {n_swinging} sources are alternately clipped and kept "
                 f"at X ≈ {limit:.3g}. Take another kappa, or the absolute threshold={limit * 1.02:.3g}"
             )
-        known_hashes.add(selection_hash)
-        before = distances, limit
-        normal = normal_equations(apply_step(sky, partial(_select_within, distances=distances, limit=limit)), modes)
+        earlier_hashes.add(selection_hash)
+        previous_criterion = compute_distances, limit
+        normal = normal_equations(
+            apply_step(sky, partial(_select_within_limit, compute_distances=compute_distances, limit=limit)), modes
+        )
     raise ConvergenceError(
         f"the clip has not settled after {max_rounds} rounds: {n_swinging} sources more or less in the last"
     )
 
 
-def _fit_sources_kept_by_both(sky, modes, criterion, previous, rounds, n_swinging, q):
+def _fit_sources_kept_by_both(sky, modes, criterion, previous_criterion, rounds, n_swinging, q):
     """The fit to what both choices keep between which a few sources swing."""
-    ratios = partial(_compute_larger_ratio, criterion=criterion, previous=previous)
-    select = partial(_select_within, distances=ratios, limit=1.0)
-    mask = None if sky.in_memory is None else ratios(sky.in_memory) <= 1.0
-    normal = normal_equations(apply_step(sky, select), modes)
+    compute_ratios = partial(_compute_larger_distance_ratio, criterion=criterion, previous_criterion=previous_criterion)
+    select_kept = partial(_select_within_limit, compute_distances=compute_ratios, limit=1.0)
+    is_kept = None if sky.in_memory is None else compute_ratios(sky.in_memory) <= 1.0
+    normal = normal_equations(apply_step(sky, select_kept), modes)
     n_sources, n_kept = sky.sum(len), normal.n_sources
     limit = criterion[1]
     note = (
         f"clipped {n_sources - n_kept} of {n_sources} sources with X > {limit:.3g} ({rounds} rounds; {n_swinging} of "
         f"them {'was' if n_swinging == 1 else 'were'} alternately clipped and kept)"
     )
-    return _correct_bias(solve(normal), mask, rounds, limit, q, CodedNote(note, CLIPPED), n_sources - n_kept)
+    return _correct_clipping_bias(
+        solve(normal), is_kept, rounds, limit, q, CodedNote(note, CLIPPED), n_sources - n_kept
+    )
 
 
-def _compute_larger_ratio(field, criterion, previous):
+def _compute_larger_distance_ratio(field, criterion, previous_criterion):
     """The larger of X over its limit by two fits."""
-    return np.maximum(*(distances(field) / limit for distances, limit in (criterion, previous)))
+    return np.maximum(
+        *(compute_distances(field) / limit for compute_distances, limit in (criterion, previous_criterion))
+    )
 
 
-def _correct_bias(solution, mask, rounds, limit, q, note, n_clipped):
+def _correct_clipping_bias(solution, is_kept, rounds, limit, q, note, n_clipped):
     """The clipped solution, its errors and χ² corrected for the choice by residuals up to X²/2 = q."""
-    variance, share = truncation_factors(q, solution.modes.components)
-    if variance > 1.001:
-        note += f"; errors multiplied by {np.sqrt(variance):.3f} and χ² divided by {share:.3f} for that choice"
+    variance_factor, chi2_factor = compute_truncation_factors(q, solution.modes.components)
+    if variance_factor > 1.001:
+        note += (
+            f"; errors multiplied by {np.sqrt(variance_factor):.3f} and χ² divided by {chi2_factor:.3f} for that choice"
+        )
     solution = replace(
-        solution, covariance=solution.covariance * variance, chi2=solution.chi2 / share, notes=(*solution.notes, note)
+        solution,
+        covariance=solution.covariance * variance_factor,
+        chi2=solution.chi2 / chi2_factor,
+        notes=(*solution.notes, note),
     )
     return ClippedFit(
-        solution=solution, kept=mask, n_rounds=rounds, limit=limit, factor=float(np.sqrt(variance)), n_clipped=n_clipped
+        solution=solution,
+        kept=is_kept,
+        n_rounds=rounds,
+        limit=limit,
+        factor=float(np.sqrt(variance_factor)),
+        n_clipped=n_clipped,
     )
 
 
@@ -225,29 +251,31 @@ def _compute_distances(field, solution):
     return np.sqrt(solution.residuals(field).chi2)
 
 
-def _return_known_distances(field, values):
+def _return_known_distances(field, distances):
     """X of the field in memory, which was computed before."""
-    return values
+    return distances
 
 
-def _select_within(field, distances, limit):
-    return field[distances(field) <= limit]
+def _select_within_limit(field, compute_distances, limit):
+    return field[compute_distances(field) <= limit]
 
 
-def _count_differing(field, criterion, previous):
+def _count_differing_sources(field, criterion, previous_criterion):
     """Count the sources that one fit keeps and the other does not."""
-    is_kept, was_kept = (distances(field) <= limit for distances, limit in (criterion, previous or criterion))
+    is_kept, was_kept = (
+        compute_distances(field) <= limit for compute_distances, limit in (criterion, previous_criterion or criterion)
+    )
     return int((is_kept != was_kept).sum())
 
 
-def _count_within(field, distances, limit):
+def _count_and_hash_kept(field, compute_distances, limit):
     """Count the sources that are kept, and a sum of hashes that tells one choice from another."""
-    is_kept = distances(field) <= limit
-    bits = np.stack([field.lon[is_kept], field.lat[is_kept]]).view(np.uint64)
+    is_kept = compute_distances(field) <= limit
+    position_bits = np.stack([field.lon[is_kept], field.lat[is_kept]]).view(np.uint64)
     # The finaliser of SplitMix64 (Steele et al. 2014) mixes the bits of each source's place; sums are modulo 2⁶⁴.
-    hashes = bits[0] ^ (bits[1] * np.uint64(0x9E3779B97F4A7C15))
-    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
-        hashes = (hashes ^ (hashes >> np.uint64(shift))) * np.uint64(factor)
+    hashes = position_bits[0] ^ (position_bits[1] * np.uint64(0x9E3779B97F4A7C15))
+    for shift, multiplier in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        hashes = (hashes ^ (hashes >> np.uint64(shift))) * np.uint64(multiplier)
     return {
         "sources": int(is_kept.sum()),
         "mark": _HashSum(int(np.sum(hashes ^ (hashes >> np.uint64(31)), dtype=np.uint64))),
@@ -261,11 +289,11 @@ class _HashSum(int):
         return _HashSum(int.__add__(self, other) % 2**64)
 
 
-def truncation_factors(q: float, components: int = 2) -> tuple[float, float]:
+def compute_truncation_factors(q: float, components: int = 2) -> tuple[float, float]:
     """Effect of a cut at X²/2 = q on Gaussian residuals: factors on variance and on χ²."""
     # For two, 1 − e^{−q} and 1 − (1 + q) e^{−q}.
-    fraction, slope = chdtr(components, 2 * q), chdtr(components + 2, 2 * q)
-    return float(fraction / slope), float(slope / fraction)
+    kept_fraction, kept_chi2_fraction = chdtr(components, 2 * q), chdtr(components + 2, 2 * q)
+    return float(kept_fraction / kept_chi2_fraction), float(kept_chi2_fraction / kept_fraction)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -347,32 +375,36 @@ def excess_noise(
     """
     modes, sky = modes_for(field, modes), as_parts(field, SourcesWithErrors)
     likelihood = _RestrictedLikelihood(sky, modes, bool(scale))
-    parameters = likelihood.find_maximum(max_rounds, tolerance)
-    _, gradient = likelihood.compute_loss(parameters)
-    errors = likelihood.compute_errors(parameters)
+    parameters = likelihood.find_likeliest_parameters(max_rounds, tolerance)
+    _, gradient = likelihood.compute_loss_and_gradient(parameters)
+    errors = likelihood.compute_parameter_errors(parameters)
     is_positive = parameters > 0
-    steps = gradient * likelihood.n_sources * errors  # to the maximum, in errors
-    if np.any(np.abs(steps[is_positive]) > 0.05) or np.any(steps[~is_positive] < -0.05):
+    steps_in_errors = gradient * likelihood.n_sources * errors  # to the maximum, in errors
+    if np.any(np.abs(steps_in_errors[is_positive]) > 0.05) or np.any(steps_in_errors[~is_positive] < -0.05):
         if scale and parameters[0] > 100:
             raise ConvergenceError(
                 f"beside an excess noise {np.sqrt(parameters[0]):.3g} times as large as the errors no factor on them "
                 "can be told: fit without one (scale=False, --method excess-noise)"
             )
-        distance = ", ".join(f"{step:+.2g}" for step in steps)
+        distance_text = ", ".join(f"{step:+.2g}" for step in steps_in_errors)
         raise ConvergenceError(
-            f"the excess noise has not settled after {likelihood.n_rounds} fits: it is {distance} of its errors from "
-            f"the maximum of the likelihood; allow more than max_rounds={max_rounds}"
+            f"the excess noise has not settled after {likelihood.n_rounds} fits: it is {distance_text} of its errors "
+            f"from the maximum of the likelihood; allow more than max_rounds={max_rounds}"
         )
-    unit = likelihood.unit
-    noisy_sky = sky.map(likelihood.enlarge_errors(parameters))
-    solution = solve(likelihood.compute_sums(parameters)["normal"])
-    covariance, dof = sandwich(noisy_sky, partial(_compute_score_factors, solution=solution), modes)
-    noise = unit * np.sqrt(parameters[0])
+    noise_unit = likelihood.noise_unit
+    noisy_sky = sky.map(likelihood.make_error_model(parameters))
+    solution = solve(likelihood.compute_likelihood_sums(parameters)["normal"])
+    covariance, dof = sandwich(noisy_sky, partial(_compute_unit_score_factors, solution=solution), modes)
+    noise_sigma = noise_unit * np.sqrt(parameters[0])
     # From the variance s² to s; at the boundary s = 0 the error is the s at one error of s².
-    noise_error = unit**2 * errors[0] / (2 * noise) if parameters[0] > errors[0] / 4 else unit * np.sqrt(errors[0])
+    noise_sigma_error = (
+        noise_unit**2 * errors[0] / (2 * noise_sigma)
+        if parameters[0] > errors[0] / 4
+        else noise_unit * np.sqrt(errors[0])
+    )
     scale_factor = float(np.sqrt(parameters[1])) if scale else 1.0
     scale_factor_error = float(errors[1] / (2 * scale_factor)) if scale else 0.0
-    noise_text = f"{format_with_error(noise, noise_error)} {solution.unit}".rstrip()
+    noise_text = f"{format_with_error(noise_sigma, noise_sigma_error)} {solution.unit}".rstrip()
     note = f"excess noise: {noise_text} added in quadrature to every component"
     if scale:
         note += f", after scaling the errors by {format_with_error(scale_factor, scale_factor_error)}"
@@ -380,17 +412,17 @@ def excess_noise(
     solution = with_errors(solution, covariance, errors_from, ErrorSource.EXCESS_NOISE, covariance_dof=dof, notes=notes)
     return ExcessNoise(
         solution=solution,
-        excess_noise=float(noise),
-        excess_noise_error=float(noise_error),
+        excess_noise=float(noise_sigma),
+        excess_noise_error=float(noise_sigma_error),
         scale=scale_factor,
         scale_error=scale_factor_error,
         n_rounds=likelihood.n_rounds,
     )
 
 
-def _compute_score_factors(field, solution):
-    weights = np.ones(len(field))
-    return solution.residuals(field).data, weights, weights
+def _compute_unit_score_factors(field, solution):
+    unit_weights = np.ones(len(field))
+    return solution.residuals(field).data, unit_weights, unit_weights
 
 
 @dataclass(frozen=True)
@@ -407,123 +439,132 @@ class EnlargedErrors:
         return field.with_errors(sigma, self.factor_squared * field.rho * np.prod(field.sigma, 0) / np.prod(sigma, 0))
 
 
-def _count_and_weight(field):
+def _count_and_sum_weights(field):
     return len(field), float(field.information.sum())
 
 
-def _sum_likelihood_terms(field, error_model, modes):
+def _sum_restricted_likelihood_terms(field, error_model, modes):
     """All that the likelihood needs of some sources."""
     field = error_model(field)
     k, weights = field.components, field.weights
     # 1 − s² W, the share of the catalogue's own errors: from sums of W it would be lost to rounding where s is large.
     identity, multiplicity = (np.array([[1.0], [1.0], [0.0]]), [1, 1, 2]) if k == 2 else (np.ones((1, 1)), [1])
-    shares = identity - error_model.noise_variance * weights
-    squares = weights**2
+    own_shares = identity - error_model.noise_variance * weights
+    squared_weights = weights**2
     if k == 2:
         a, b, c = weights
-        squares = np.stack([a * a + c * c, b * b + c * c, c * (a + b)])
+        squared_weights = np.stack([a * a + c * c, b * b + c * c, c * (a + b)])
     # C⁻¹ ∂C: W for s², (1 − s² W)/f² for f². Their products' traces are the expected information.
     return {
         "normal": normal_equations(field, modes),
-        "squared": weighted_sums(field, squares, modes),
+        "squared": weighted_sums(field, squared_weights, modes),
         "logdet": float(field.log_determinants.sum()),
         "trace": float(weights[:k].sum()),
-        "trace of squares": float(squares[:k].sum()),
-        "cross": float(np.sum(multiplicity @ (weights * shares))),
-        "own": float(np.sum(multiplicity @ shares**2)),
+        "trace of squares": float(squared_weights[:k].sum()),
+        "cross": float(np.sum(multiplicity @ (weights * own_shares))),
+        "own": float(np.sum(multiplicity @ own_shares**2)),
     }
 
 
 class _RestrictedLikelihood:
     """−ln of the restricted likelihood a source, of s² (in units of the mean variance by weight) and f²."""
 
-    def __init__(self, sky, modes, scale):
-        self.sky, self.modes, self.scale = sky, modes, scale
-        self.n_sources, information = sky.sum(_count_and_weight, roles=(), words="excess noise")
-        self.unit = float(np.sqrt(modes.components * self.n_sources / information))
+    def __init__(self, sky, modes, is_scale_free):
+        self.sky, self.modes, self.is_scale_free = sky, modes, is_scale_free
+        self.n_sources, information = sky.sum(_count_and_sum_weights, roles=(), words="excess noise")
+        self.noise_unit = float(np.sqrt(modes.components * self.n_sources / information))
         self.n_rounds = 0
-        self.last: tuple[Any, Any] = (None, None)
+        self.cached_sums: tuple[Any, Any] = (None, None)
 
-    def enlarge_errors(self, parameters):
+    def make_error_model(self, parameters):
         """The step to the field with errors f² C + s² I."""
-        return EnlargedErrors(float(parameters[0]) * self.unit**2, float(parameters[1]) if self.scale else 1.0)
+        return EnlargedErrors(
+            float(parameters[0]) * self.noise_unit**2, float(parameters[1]) if self.is_scale_free else 1.0
+        )
 
-    def compute_sums(self, parameters):
+    def compute_likelihood_sums(self, parameters):
         """Sums over all sources, cached."""
         key = tuple(map(float, parameters))
-        if key != self.last[0]:
+        if key != self.cached_sums[0]:
             self.n_rounds += 1
-            work = partial(_sum_likelihood_terms, error_model=self.enlarge_errors(parameters), modes=self.modes)
-            self.last = key, self.sky.sum(work, roles=(), words=f"excess noise, trial {self.n_rounds}")
-        return self.last[1]
+            sum_terms = partial(
+                _sum_restricted_likelihood_terms, error_model=self.make_error_model(parameters), modes=self.modes
+            )
+            self.cached_sums = key, self.sky.sum(sum_terms, roles=(), words=f"excess noise, trial {self.n_rounds}")
+        return self.cached_sums[1]
 
-    def compute_loss(self, parameters):
+    def compute_loss_and_gradient(self, parameters):
         """Value and gradient."""
-        sums = self.compute_sums(parameters)
+        sums = self.compute_likelihood_sums(parameters)
         normal, n = sums["normal"], self.n_sources
         solution = solve(normal)
         values = solution.values
-        value = (sums["logdet"] + solution.chi2 + np.linalg.slogdet(normal.matrix)[1]) / 2
+        loss = (sums["logdet"] + solution.chi2 + np.linalg.slogdet(normal.matrix)[1]) / 2
         # With W = C⁻¹ and ∂C/∂s² = I: ½ [tr W − |Wr|² − tr(N⁻¹ Σ AᵀW²A)], r = y − A c.
-        matrix, rhs, weighted_square = sums["squared"]
-        residual_square = weighted_square - 2 * values @ rhs + values @ matrix @ values
-        by_noise = (sums["trace"] - residual_square - float(np.sum(solution.covariance * matrix))) / 2
-        slope = [by_noise * self.unit**2]
-        if self.scale:  # ∂C/∂f² = (C − s² I)/f²
-            noise = parameters[0] * self.unit**2
-            slope.append(
-                ((self.modes.components * n - solution.chi2 - len(self.modes)) / 2 - noise * by_noise) / parameters[1]
+        matrix, rhs, weighted_residual_square = sums["squared"]
+        residual_square = weighted_residual_square - 2 * values @ rhs + values @ matrix @ values
+        noise_gradient = (sums["trace"] - residual_square - float(np.sum(solution.covariance * matrix))) / 2
+        gradient = [noise_gradient * self.noise_unit**2]
+        if self.is_scale_free:  # ∂C/∂f² = (C − s² I)/f²
+            noise_variance = parameters[0] * self.noise_unit**2
+            gradient.append(
+                ((self.modes.components * n - solution.chi2 - len(self.modes)) / 2 - noise_variance * noise_gradient)
+                / parameters[1]
             )
-        return value / n, np.array(slope) / n
+        return loss / n, np.array(gradient) / n
 
-    def find_maximum(self, max_rounds, tolerance):
+    def find_likeliest_parameters(self, max_rounds, tolerance):
         """The parameters of the largest likelihood, searched along ln(1 + s²) and ln f²."""
-        start = np.array([np.log1p(max(self.estimate_excess(), 1e-2)), 0.0][: 1 + self.scale])
-        bounds = [(0.0, None), (np.log(1e-6), None)][: len(start)]
+        log_start = np.array([np.log1p(max(self.estimate_excess_variance(), 1e-2)), 0.0][: 1 + self.is_scale_free])
+        bounds = [(0.0, None), (np.log(1e-6), None)][: len(log_start)]
 
-        def to_parameters(x):
-            return np.r_[np.expm1(x[0]), np.exp(x[1:])]
+        def convert_to_parameters(log_parameters):
+            return np.r_[np.expm1(log_parameters[0]), np.exp(log_parameters[1:])]
 
-        def loss(x):
-            value, gradient = self.compute_loss(to_parameters(x))
-            return value, gradient * np.r_[np.exp(x[0]), np.exp(x[1:])]
+        def compute_loss_of_logs(log_parameters):
+            loss, gradient = self.compute_loss_and_gradient(convert_to_parameters(log_parameters))
+            return loss, gradient * np.r_[np.exp(log_parameters[0]), np.exp(log_parameters[1:])]
 
         from scipy.optimize import minimize  # slow to import
 
         options = {"maxiter": max_rounds, "ftol": 1e-15, "gtol": tolerance / np.sqrt(self.n_sources)}
-        parameters = to_parameters(minimize(loss, start, jac=True, bounds=bounds, method="L-BFGS-B", options=options).x)
+        parameters = convert_to_parameters(
+            minimize(compute_loss_of_logs, log_start, jac=True, bounds=bounds, method="L-BFGS-B", options=options).x
+        )
         for _ in range(40):  # along a ridge, where one of the two hides the other, by Fisher's scoring
-            value, gradient = self.compute_loss(parameters)
-            step = -np.linalg.pinv(self.compute_information(parameters)) @ gradient * self.n_sources
-            errors = self.compute_errors(parameters)
+            loss, gradient = self.compute_loss_and_gradient(parameters)
+            step = -np.linalg.pinv(self.compute_expected_information(parameters)) @ gradient * self.n_sources
+            errors = self.compute_parameter_errors(parameters)
             if not np.isfinite(errors).all():
                 break
             if self.n_rounds >= max_rounds or np.all(np.abs(step) < 0.01 * errors) or parameters[0] == 0:
                 break
             lower_limits = np.array([0.0, 1e-6])[: len(step)]
             for fraction in (1.0, 0.5, 0.25, 0.1, 0.03):
-                trial = np.maximum(parameters + fraction * np.clip(step, -2 * errors, 2 * errors), lower_limits)
-                if self.compute_loss(trial)[0] <= value:
+                trial_parameters = np.maximum(
+                    parameters + fraction * np.clip(step, -2 * errors, 2 * errors), lower_limits
+                )
+                if self.compute_loss_and_gradient(trial_parameters)[0] <= loss:
                     break
-            parameters = trial
+            parameters = trial_parameters
         return parameters
 
-    def estimate_excess(self):
+    def estimate_excess_variance(self):
         """s² by which χ² of the plain fit would be as expected, about, in units of the mean variance."""
-        solution = solve(self.compute_sums(np.array([0.0, 1.0]))["normal"])
+        solution = solve(self.compute_likelihood_sums(np.array([0.0, 1.0]))["normal"])
         return solution.chi2 / max(solution.dof, 1) - 1
 
-    def compute_errors(self, parameters):
+    def compute_parameter_errors(self, parameters):
         """Standard errors from the expected information of as many sources as the coefficients leave."""
-        return np.sqrt(np.diag(np.linalg.pinv(self.compute_information(parameters))))
+        return np.sqrt(np.diag(np.linalg.pinv(self.compute_expected_information(parameters))))
 
-    def compute_information(self, parameters):
+    def compute_expected_information(self, parameters):
         """The expected information of the parameters."""
-        sums, n = self.compute_sums(parameters), self.n_sources
-        information = np.array([[self.unit**4 * sums["trace of squares"]]])
-        if self.scale:
-            cross = self.unit**2 * sums["cross"] / parameters[1]
-            factor_term = sums["own"] / parameters[1] ** 2
-            information = np.array([[information[0, 0], cross], [cross, factor_term]])
+        sums, n = self.compute_likelihood_sums(parameters), self.n_sources
+        information = np.array([[self.noise_unit**4 * sums["trace of squares"]]])
+        if self.is_scale_free:
+            cross_information = self.noise_unit**2 * sums["cross"] / parameters[1]
+            scale_information = sums["own"] / parameters[1] ** 2
+            information = np.array([[information[0, 0], cross_information], [cross_information, scale_information]])
         remaining_share = max(1 - len(self.modes) / (self.modes.components * n), 1e-3)
         return information / 2 * remaining_share

@@ -37,21 +37,21 @@ _LABEL = "Student-t"
 #: The largest number of Newton steps for a source's leverage; with thousands of sources three suffice.
 _MOST_SHARE_STEPS = 10
 #: Chebyshev nodes in ln ν at which the likelihood is evaluated; interpolation is accurate to 1e-12.
-_NODES = chebyshev.chebpts1(36)
+_LOG_NU_NODES = chebyshev.chebpts1(36)
 #: No catalogue has errors that are so many times too large.
-_TOO_SMALL = 0.3
+_LEAST_INFLATION = 0.3
 #: The range of ln ν.
-_LOW, _HIGH = np.log([0.5, 200.0])
+_LOWEST_LOG_NU, _HIGHEST_LOG_NU = np.log([0.5, 200.0])
 #: Below it the quoted errors say so little of the scatter that those of a fit by them are too small.
 _LEAST_NU = 1.3
 
 
-def _solve_share_by_steps(weight, chi2, unit_share):
+def _solve_own_share_by_steps(t_weights, chi2, unit_share):
     """Newton's steps to where share and weight agree: it depends on u, and u on it, the less the larger it is."""
     share = np.zeros(len(chi2))
     for _ in range(_MOST_SHARE_STEPS):
         x2 = chi2 / (1 - share)
-        u, slope = weight(x2)
+        u, slope = t_weights(x2)
         step = (np.minimum(unit_share * u, 0.9) - share) / (1 - unit_share * slope * x2 / (1 - share))
         share = np.clip(share + step, 0.0, 0.9)
         if np.max(np.abs(step)) < 1e-13:
@@ -73,7 +73,7 @@ class StudentT:
         u = (self.nu + self.components) / (self.nu + x2)
         return u, -u / (self.nu + x2)
 
-    def solve_share(self, chi2: FloatArray, unit_share: FloatArray) -> FloatArray:
+    def solve_own_share(self, chi2: FloatArray, unit_share: FloatArray) -> FloatArray:
         """The share s of each source in its own fit, (n,), at the weight of X²/(1 − s).
 
         It solves s (ν + X²/(1 − s)) = s₁ (ν + k), a quadratic equation, where s₁ is the share of a weight of 1; by
@@ -81,7 +81,7 @@ class StudentT:
         """
         right_side = unit_share * (self.nu + self.components)
         if right_side.max() > self.nu / 2:
-            return _solve_share_by_steps(self, chi2, unit_share)
+            return _solve_own_share_by_steps(self, chi2, unit_share)
         b = self.nu + chi2 + right_side
         return np.asarray(2 * right_side / (b + np.sqrt(b**2 - 4 * self.nu * right_side)), float)
 
@@ -90,27 +90,33 @@ class StudentT:
         if not self.estimated:
             return self, 0.0
         nu, k = self.nu, self.components
-        log, beyond, slope = (sums[name] / n for name in ("log", "beyond", "slope of beyond"))
-        # Derivatives of `_compute_mean_log_t` in ν.
+        mean_log, mean_tail, mean_tail_slope = (sums[name] / n for name in ("log", "beyond", "slope of beyond"))
+        # Derivatives of `_compute_mean_log_density` in ν.
         constant = (digamma((nu + k) / 2) - digamma(nu / 2) - k / nu) / 2
         constant_slope = (polygamma(1, (nu + k) / 2) - polygamma(1, nu / 2)) / 4 + k / nu**2 / 2
-        first = constant - log / 2 + (nu + k) / (2 * nu) * beyond
-        second = constant_slope + beyond / (2 * nu) - k / (2 * nu**2) * beyond - (nu + k) / (2 * nu) * slope
+        slope_in_nu = constant - mean_log / 2 + (nu + k) / (2 * nu) * mean_tail
+        curvature_in_nu = (
+            constant_slope + mean_tail / (2 * nu) - k / (2 * nu**2) * mean_tail - (nu + k) / (2 * nu) * mean_tail_slope
+        )
         # By τ = 1/ν, in which the mean is nearly a parabola from Gaussian errors on.
-        gradient, curvature = -(nu**2) * first, nu**4 * second + 2 * nu**3 * first
+        gradient, curvature = -(nu**2) * slope_in_nu, nu**4 * curvature_in_nu + 2 * nu**3 * slope_in_nu
         step = -gradient / curvature if curvature < 0 else np.sign(gradient)
-        tau = np.clip(1 / nu + step, max(1 / nu / _FARTHEST, np.exp(-_HIGH)), min(_FARTHEST / nu, np.exp(-_LOW)))
+        tau = np.clip(
+            1 / nu + step,
+            max(1 / nu / _LARGEST_NU_FACTOR, np.exp(-_HIGHEST_LOG_NU)),
+            min(_LARGEST_NU_FACTOR / nu, np.exp(-_LOWEST_LOG_NU)),
+        )
         return replace(self, nu=float(1 / tau)), float(abs(tau - 1 / nu) * np.sqrt(n * abs(curvature)))
 
     def fit_nu(self, sky: Parts, weigher: SourceWeights, words: str) -> StudentT:
         """Update the weights with the likeliest ν, from the residuals and leverages at the current ν."""
         if not self.estimated:
             return self
-        n, logs = sky.sum(partial(_sum_log_terms, weigher=weigher), roles=(), words=words)
-        step = float(np.log(_find_likeliest_nu(logs / n, self.components) / self.nu))
-        if step * self.step < 0:  # ν that turns back would swing about where it settles, and may do so for ever
-            step /= 2
-        return replace(self, nu=self.nu * float(np.exp(step)), step=step)
+        n, log_sums = sky.sum(partial(_count_and_sum_logs_at_nodes, weigher=weigher), roles=(), words=words)
+        log_step = float(np.log(_find_likeliest_nu(log_sums / n, self.components) / self.nu))
+        if log_step * self.step < 0:  # ν that turns back would swing about where it settles, and may do so for ever
+            log_step /= 2
+        return replace(self, nu=self.nu * float(np.exp(log_step)), step=log_step)
 
 
 @dataclass(frozen=True)
@@ -135,42 +141,42 @@ class SourceWeights:
             self.models[:] = [(field, model)]
             x2_and_weights, residual = np.empty((3, len(field))), np.empty(model.shape)
             for rows in slice_blocks(len(field)):
-                residual[:, rows], _, _, *x2_and_weights[:, rows] = self.compute_about(field[rows], model[:, rows])
+                residual[:, rows], _, _, *x2_and_weights[:, rows] = self.weigh_residuals(field[rows], model[:, rows])
             cached = (field, (*x2_and_weights, residual))
             self.last[:] = [cached]
-        factors: tuple[FloatArray, FloatArray, FloatArray, FloatArray] = cached[1]
-        return factors
+        x2_weights_and_residuals: tuple[FloatArray, FloatArray, FloatArray, FloatArray] = cached[1]
+        return x2_weights_and_residuals
 
-    def compute_about(self, field: Field, model: FloatArray) -> tuple[FloatArray, ...]:
+    def weigh_residuals(self, field: Field, model: FloatArray) -> tuple[FloatArray, ...]:
         """The residuals from a model, their product with C⁻¹, tr C⁻¹, X² over one less the share, u and its slope."""
         weights = field.weights
         residual = np.atleast_2d(field.data) - model
         score = multiply_weights(weights, residual)
         information = weights[: field.components].sum(0)
         chi2 = np.einsum("kn,kn->n", residual, score)
-        x2 = chi2 / (1 - self.weight.solve_share(chi2, self.leverage * information))
+        x2 = chi2 / (1 - self.weight.solve_own_share(chi2, self.leverage * information))
         return residual, score, information, x2, *self.weight(x2)
 
     def __reduce__(self):
         return SourceWeights, (self.solution, self.weight, self.leverage)
 
 
-def _sum_log_terms(field, weigher):
+def _count_and_sum_logs_at_nodes(field, weigher):
     """Count of sources, and Σ ln(1 + X²/ν) at the nodes of ln ν."""
     x2 = weigher(field)[0]
-    nus = np.exp(_LOW + (_HIGH - _LOW) * (_NODES + 1) / 2)
-    return len(x2), np.array([_sum_log(1 + x2 / nu) for nu in nus])
+    node_nus = np.exp(_LOWEST_LOG_NU + (_HIGHEST_LOG_NU - _LOWEST_LOG_NU) * (_LOG_NU_NODES + 1) / 2)
+    return len(x2), np.array([_sum_logarithms(1 + x2 / nu) for nu in node_nus])
 
 
-def _sum_log(values):
+def _sum_logarithms(numbers):
     """Σ ln of values of 1 or more: of products of eight, a logarithm takes as long as as many products."""
-    n_grouped = len(values) // 8 * 8
-    if not values.max(initial=1.0) < 1e30:
-        return np.log(values).sum()
-    return np.log(np.prod(values[:n_grouped].reshape(8, -1), axis=0)).sum() + np.log(values[n_grouped:]).sum()
+    n_grouped = len(numbers) // 8 * 8
+    if not numbers.max(initial=1.0) < 1e30:
+        return np.log(numbers).sum()
+    return np.log(np.prod(numbers[:n_grouped].reshape(8, -1), axis=0)).sum() + np.log(numbers[n_grouped:]).sum()
 
 
-def _compute_mean_log_t(nu, components, mean_log):
+def _compute_mean_log_density(nu, components, mean_log):
     """The mean of ln of the t density of k components, (1 + X²/ν)^{−(ν+k)/2} with its constant, from ⟨ln(1 + X²/ν)⟩."""
     constant = gammaln((nu + components) / 2) - gammaln(nu / 2) - components / 2 * np.log(nu)
     return constant - (nu + components) / 2 * mean_log
@@ -178,14 +184,21 @@ def _compute_mean_log_t(nu, components, mean_log):
 
 def _find_likeliest_nu(mean_logs, components):
     """The ν that makes the X² likeliest."""
-    coefficients = chebyshev.chebfit(_NODES, mean_logs, len(_NODES) - 1)
-    log_nu = np.linspace(_LOW, _HIGH, 4001)
-    mean_log = chebyshev.chebval(2 * (log_nu - _LOW) / (_HIGH - _LOW) - 1, coefficients)
-    height = _compute_mean_log_t(np.exp(log_nu), components, mean_log)
-    k = int(np.clip(np.argmax(height), 1, len(height) - 2))
-    rise, bend = ((height[k + 1] - height[k - 1]) / 2, height[k + 1] - 2 * height[k] + height[k - 1])
-    top = np.clip(-rise / bend, -1, 1) if bend < 0 else np.sign(rise)  # of the parabola through three points
-    return float(np.exp(log_nu[k] + top * (log_nu[1] - log_nu[0])))
+    chebyshev_coefficients = chebyshev.chebfit(_LOG_NU_NODES, mean_logs, len(_LOG_NU_NODES) - 1)
+    log_nu = np.linspace(_LOWEST_LOG_NU, _HIGHEST_LOG_NU, 4001)
+    interpolated_mean_logs = chebyshev.chebval(
+        2 * (log_nu - _LOWEST_LOG_NU) / (_HIGHEST_LOG_NU - _LOWEST_LOG_NU) - 1, chebyshev_coefficients
+    )
+    log_densities = _compute_mean_log_density(np.exp(log_nu), components, interpolated_mean_logs)
+    peak_index = int(np.clip(np.argmax(log_densities), 1, len(log_densities) - 2))
+    rise, curvature = (
+        (log_densities[peak_index + 1] - log_densities[peak_index - 1]) / 2,
+        log_densities[peak_index + 1] - 2 * log_densities[peak_index] + log_densities[peak_index - 1],
+    )
+    peak_offset = (
+        np.clip(-rise / curvature, -1, 1) if curvature < 0 else np.sign(rise)
+    )  # of the parabola through three points
+    return float(np.exp(log_nu[peak_index] + peak_offset * (log_nu[1] - log_nu[0])))
 
 
 #: The fit of many sources goes by Newton's steps, from so many on from that of a sample: of so many at least, and so
@@ -193,7 +206,7 @@ def _find_likeliest_nu(mean_logs, components):
 _MANY, _SAMPLE, _SOURCES_PER_COEFFICIENT, _SAMPLE_TOLERANCE = 20_000, 5_000, 20, 0.1
 #: Their relative accuracy, and their number at most; the factor on ν that each may have; a step that is so much of the
 #: one before is slow.
-_ACCURACY, _MOST_STEPS, _FARTHEST, _SLOW_STEP_RATIO = 1e-8, 12, 4.0, 0.2
+_SCORE_ACCURACY, _MOST_STEPS, _LARGEST_NU_FACTOR, _SLOW_STEP_RATIO = 1e-8, 12, 4.0, 0.2
 #: Rounds after which leverages are held fixed.
 _ADAPTING_ROUNDS = 15
 
@@ -261,15 +274,17 @@ class ReweightedFit(AboutSolution):
         solution Newton's step from that of all sources: weights that are taken about the fit of all sources draw the
         values of a class towards it, by a third where ν = 1.6.
         """
-        modes, sky = as_modes(modes, type(self.solution.modes)), _add_noise(field, self.noise)
+        modes, sky = as_modes(modes, type(self.solution.modes)), _add_noise_to_errors(field, self.noise)
         words = "weights of the classes"
         sums = sky.sum(partial(_sum_scale_terms, weigher=self.share), roles=(), words=words)
         factor = sums["u"] * sums["ψ²"] / (modes.components * sums["ψ'"] ** 2)
-        work = partial(_sum_class_equations, weigher=self.share, modes=modes, stretch=sums["u"] / sums["ψ'"])
-        normal = sky.sum(work, roles=(), words=words)
-        terms = {name: getattr(normal, name) / factor for name in ("matrix", "rhs", "chi2_null")}
+        sum_equations = partial(
+            _sum_class_equations, weigher=self.share, modes=modes, residual_stretch=sums["u"] / sums["ψ'"]
+        )
+        normal = sky.sum(sum_equations, roles=(), words=words)
+        scaled_terms = {name: getattr(normal, name) / factor for name in ("matrix", "rhs", "chi2_null")}
         new_templates = template_fields(templates, modes, normal.frame or "icrs") if templates else normal.templates
-        return replace(normal, templates=new_templates, **terms)
+        return replace(normal, templates=new_templates, **scaled_terms)
 
 
 @log_calls(_LABEL)
@@ -330,16 +345,16 @@ def student_t(
     then adds an excess noise. Of few sources the covariance has few degrees of freedom (`covariance_dof`), which
     standard errors, p-values and limits use.
     """
-    modes, sky = modes_for(field, modes), _add_noise(field, noise)
-    weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
-    iteration = _iterate_weights(sky, modes, weight, tolerance, max_rounds, least_nu)
-    fitted = _make_result(sky, "the catalogue with the noise" if noise else "the catalogue", *iteration)
+    modes, sky = modes_for(field, modes), _add_noise_to_errors(field, noise)
+    t_weights = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
+    fit_results = _fit_plain_and_reweighted(sky, modes, t_weights, tolerance, max_rounds, least_nu)
+    fitted = _make_reweighted_fit(sky, "the catalogue with the noise" if noise else "the catalogue", *fit_results)
     if noise:  # χ² is that of the catalogue's errors, as without a noise
         chi2 = as_parts(field, SourcesWithErrors).sum(partial(_sum_chi2, solution=fitted.solution), roles=())
         fitted = replace(fitted, solution=replace(fitted.solution, chi2=float(chi2)))
     log_likelihood = _compute_log_likelihood(sky, fitted.share)
-    for cache in (fitted.share.last, fitted.share.models):
-        cache.clear()
+    for cached_pair in (fitted.share.last, fitted.share.models):
+        cached_pair.clear()
     return replace(fitted, noise=float(noise), log_likelihood=log_likelihood)
 
 
@@ -347,25 +362,25 @@ class TailsError(VshError, ValueError):
     """Tails so long that no fit without a noise will do."""
 
 
-def _iterate_weights(sky, modes, weight, tolerance, max_rounds, least_nu=0.0):
+def _fit_plain_and_reweighted(sky, modes, t_weights, tolerance, max_rounds, least_nu=0.0):
     """Iterate the weighted fit until no coefficient moves by `tolerance` of its error.
 
     Returns the plain fit, the weighted one, its weights, the rounds, and the total weight where the last round knew it.
     """
-    normal, information = sky.sum(partial(_sum_plain_equations, modes=modes), roles=(), words=_LABEL)
+    normal, information = sky.sum(partial(_sum_equations_and_information, modes=modes), roles=(), words=_LABEL)
     plain = solve(normal)
     if plain.n_sources >= max(_SAMPLE, 2 * _SOURCES_PER_COEFFICIENT * len(modes)):
         with suppress(ConvergenceError, DegeneracyError):
-            return plain, *_fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least_nu)
-    iterate = partial(_iterate_to_convergence, sky, plain, weight, information, tolerance, max_rounds)
+            return plain, *_fit_by_newton(sky, plain, t_weights, information, tolerance, max_rounds, least_nu)
+    fit_from = partial(_fit_by_rounds, sky, plain, t_weights, information, tolerance, max_rounds)
     try:
-        return plain, *iterate(plain.values), None
+        return plain, *fit_from(plain.values), None
     except (ConvergenceError, DegeneracyError):
         # A source that is off by millions of errors throws the plain fit far from all others.
-        return plain, *iterate(np.zeros(len(modes))), None
+        return plain, *fit_from(np.zeros(len(modes))), None
 
 
-def _fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least_nu):
+def _fit_by_newton(sky, plain, t_weights, information, tolerance, max_rounds, least_nu):
     """The weighted fit of many sources by Newton's steps, each one pass: from that of a sample, or the plain one.
 
     The curvature is the plain matrix times ⟨ψ'⟩, which is that of the scores but for what the residuals of a place have
@@ -374,28 +389,36 @@ def _fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least
     n, modes = plain.n_sources, plain.modes
     if n < _MANY:
         leverage, values = len(modes) / modes.components / information, plain.values
-        weight = weight.fit_nu(sky, SourceWeights(plain, weight, leverage), _LABEL)
+        t_weights = t_weights.fit_nu(sky, SourceWeights(plain, t_weights, leverage), _LABEL)
     else:
-        chosen = sample_of(sky, max(_SAMPLE, _SOURCES_PER_COEFFICIENT * len(modes), n // 100), n, draw=1)
-        if not len(modes) < len(chosen) < n / 2:
-            raise ConvergenceError(f"{len(chosen)} of {n} sources are no sample: are many at one place?")
-        sample = as_parts(chosen, SourcesWithErrors)
-        _, solution, weigher, _, _ = _iterate_weights(sample, modes, weight, _SAMPLE_TOLERANCE, max_rounds)
-        leverage, values, weight = weigher.leverage * len(sample.in_memory) / n, solution.values, weigher.weight
-        if weight.nu < least_nu:
-            raise TailsError(f"ν = {weight.nu:.2g} in a sample of the sources")
-    inverse, previous_change = None, 0.0
+        sample_sources = sample_of(sky, max(_SAMPLE, _SOURCES_PER_COEFFICIENT * len(modes), n // 100), n, draw=1)
+        if not len(modes) < len(sample_sources) < n / 2:
+            raise ConvergenceError(f"{len(sample_sources)} of {n} sources are no sample: are many at one place?")
+        sample_parts = as_parts(sample_sources, SourcesWithErrors)
+        _, solution, weigher, _, _ = _fit_plain_and_reweighted(
+            sample_parts, modes, t_weights, _SAMPLE_TOLERANCE, max_rounds
+        )
+        leverage, values, t_weights = (
+            weigher.leverage * len(sample_parts.in_memory) / n,
+            solution.values,
+            weigher.weight,
+        )
+        if t_weights.nu < least_nu:
+            raise TailsError(f"ν = {t_weights.nu:.2g} in a sample of the sources")
+    inverse_hessian, previous_change = None, 0.0
     for rounds in range(1, _MOST_STEPS + 1):
         solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
-        weigher, words = SourceWeights(solution, weight, leverage), f"{_LABEL}, step {rounds}"
-        sums = sky.sum(partial(_sum_step_terms, weigher=weigher), roles=(), words=words)
+        weigher, words = SourceWeights(solution, t_weights, leverage), f"{_LABEL}, step {rounds}"
+        sums = sky.sum(partial(_sum_newton_terms, weigher=weigher), roles=(), words=words)
         step = plain.covariance @ sums["score"] * (sums["information"] / sums["ψ'"])
-        step = step if inverse is None else inverse @ sums["score"]
+        step = step if inverse_hessian is None else inverse_hessian @ sums["score"]
         if np.abs(step / plain.sigma).max() > _SLOW_STEP_RATIO * previous_change > 0:
-            inverse = np.linalg.inv(sky.sum(partial(_sum_hessian, weigher=weigher, modes=modes), roles=(), words=words))
-            step = inverse @ sums["score"]
+            inverse_hessian = np.linalg.inv(
+                sky.sum(partial(_sum_hessian, weigher=weigher, modes=modes), roles=(), words=words)
+            )
+            step = inverse_hessian @ sums["score"]
         values = values + step
-        weight, change = weight.take_newton_step(sums, n)
+        t_weights, change = t_weights.take_newton_step(sums, n)
         leverage = len(modes) / modes.components / sums["u"]
         change = max(change, float(np.max(np.abs(step) / plain.sigma)))
         if change**2 < tolerance * max(previous_change, change):  # what is left for the next step
@@ -404,7 +427,7 @@ def _fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least
     else:
         raise ConvergenceError(f"{_LABEL} has not settled after {rounds} steps")
     solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
-    return solution, SourceWeights(solution, weight, leverage), rounds, (n, sums["u"])
+    return solution, SourceWeights(solution, t_weights, leverage), rounds, (n, sums["u"])
 
 
 def _sum_hessian(field, weigher, modes):
@@ -412,46 +435,46 @@ def _sum_hessian(field, weigher, modes):
     return weighted_matrix(field, field.weights * _compute_score_factors(field, weigher)[2], modes)
 
 
-def _sum_step_terms(field, weigher):
+def _sum_newton_terms(field, weigher):
     """Σ Aᵀ u C⁻¹Δ of some sources, and what the scale of the step and that of ν follow from."""
     from vsh.transform import project_response
 
     field.check_frame(weigher.solution.frame)
     nu, sums = weigher.weight.nu, np.zeros(6)
 
-    def response(model):
+    def compute_scores(model):
         scores = np.empty(model.shape)
         for rows in slice_blocks(len(field)):
-            _, score, information, x2, u, slope = weigher.compute_about(field[rows], model[:, rows])
+            _, score, information, x2, u, slope = weigher.weigh_residuals(field[rows], model[:, rows])
             scores[:, rows] = u * score
-            beyond = x2 / (nu + x2)
+            tail = x2 / (nu + x2)
             sums[:] += (
                 information.sum(),
                 information @ u,
                 information @ (u + 2 / field.components * slope * x2),
-                _sum_log(1 + x2 / nu),
-                beyond.sum(),
-                (beyond / (nu + x2)).sum(),
+                _sum_logarithms(1 + x2 / nu),
+                tail.sum(),
+                (tail / (nu + x2)).sum(),
             )
         return scores
 
-    score = project_response(weigher.solution.coefficients, field.lon, field.lat, response, _ACCURACY)
+    score = project_response(weigher.solution.coefficients, field.lon, field.lat, compute_scores, _SCORE_ACCURACY)
     names = ("information", "u", "ψ'", "log", "beyond", "slope of beyond")
     return {"score": score, **dict(zip(names, map(float, sums), strict=True))}
 
 
-def _iterate_to_convergence(sky, plain, weight, information, tolerance, max_rounds, values):
+def _fit_by_rounds(sky, plain, t_weights, information, tolerance, max_rounds, values):
     """The weighted fit, its weights and the number of rounds, from values of the coefficients to begin with."""
     modes, leverage = plain.modes, len(plain.modes) / plain.modes.components / information
     solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
     for rounds in range(1, max_rounds + 1):
         words = f"{_LABEL}, round {rounds}"
-        weigher = SourceWeights(solution, weight, leverage)
-        weight = weight.fit_nu(sky, weigher, words)
-        models = weigher.models
-        weigher = SourceWeights(solution, weight, leverage)
-        weigher.models[:] = models
-        sums = sky.sum(partial(_make_weighted_equations, weigher=weigher, modes=modes), roles=(), words=words)
+        weigher = SourceWeights(solution, t_weights, leverage)
+        t_weights = t_weights.fit_nu(sky, weigher, words)
+        cached_models = weigher.models
+        weigher = SourceWeights(solution, t_weights, leverage)
+        weigher.models[:] = cached_models
+        sums = sky.sum(partial(_sum_weighted_equations_and_scale, weigher=weigher, modes=modes), roles=(), words=words)
         solution = solve(sums["normal"])
         if rounds <= _ADAPTING_ROUNDS:  # held fixed later, so that all settles
             leverage = len(modes) / modes.components / sums["u"]
@@ -463,24 +486,24 @@ def _iterate_to_convergence(sky, plain, weight, information, tolerance, max_roun
         raise ConvergenceError(
             f"the weights have not settled after {max_rounds} rounds: coefficients move by {largest_change:.1e} σ"
         )
-    return solution, SourceWeights(solution, weight, leverage), rounds
+    return solution, SourceWeights(solution, t_weights, leverage), rounds
 
 
-def _make_result(sky, errors_name, plain, solution, weigher, rounds, total):
+def _make_reweighted_fit(sky, errors_name, plain, solution, weigher, rounds, count_and_weight):
     """The settled fit with the covariance of its residuals, and what is said of it."""
-    scores = partial(_compute_score_factors, weigher=weigher)
-    covariance, dof = sandwich(sky, scores, solution.modes, words=f"{_LABEL}, errors", total=total)
+    compute_scores = partial(_compute_score_factors, weigher=weigher)
+    covariance, dof = sandwich(sky, compute_scores, solution.modes, words=f"{_LABEL}, errors", total=count_and_weight)
     inflation = float(np.sqrt(np.mean(np.diag(covariance) / np.diag(plain.covariance))))
-    facts = sky.sum(partial(_weight_facts, weigher=weigher), roles=("name",), words=f"{_LABEL}, weights")
-    effective = facts["u"] ** 2 / facts["u²"]
-    largest_weight, least_weighted = max(facts["most"]), sorted(facts["least"], key=lambda pair: pair[0])[:5]
+    summary = sky.sum(partial(_summarise_weights, weigher=weigher), roles=("name",), words=f"{_LABEL}, weights")
+    effective = summary["u"] ** 2 / summary["u²"]
+    largest_weight, least_weighted = max(summary["most"]), sorted(summary["least"], key=lambda pair: pair[0])[:5]
     note = (
         f"{_LABEL}: converged in {rounds} iterations; effective number of sources {effective:.1f} of "
-        f"{facts['sources']}; errors are {inflation:.3g} times those of {errors_name}; sources with "
+        f"{summary['sources']}; errors are {inflation:.3g} times those of {errors_name}; sources with "
         f"the lowest weights: {', '.join(f'{label} ({u / largest_weight:.2g})' for u, label in least_weighted)}"
     )
     warnings = []
-    if inflation < _TOO_SMALL:
+    if inflation < _LEAST_INFLATION:
         warning = (
             f"warning: the motions scatter so little that errors are {inflation:.2g} times those of the catalogue: are "
             "both in the units that were assumed?"
@@ -493,8 +516,8 @@ def _make_result(sky, errors_name, plain, solution, weigher, rounds, total):
         )
         warnings.append(CodedNote(warning, ERRORS_TOO_SMALL))
     errors_from, notes = "the residuals of the robust fit, source by source", (*plain.notes, *warnings, note)
-    options = {"covariance_dof": dof, "chi2": facts["chi2"], "n_data": plain.n_data, "notes": notes}
-    solution = with_errors(solution, covariance, errors_from, ErrorSource.RESIDUALS, **options)
+    attributes = {"covariance_dof": dof, "chi2": summary["chi2"], "n_data": plain.n_data, "notes": notes}
+    solution = with_errors(solution, covariance, errors_from, ErrorSource.RESIDUALS, **attributes)
     weights = None if sky.in_memory is None else weigher(sky.in_memory)[1]
     return ReweightedFit(
         solution=solution,
@@ -507,7 +530,7 @@ def _make_result(sky, errors_name, plain, solution, weigher, rounds, total):
     )
 
 
-def _add_noise(field, noise):
+def _add_noise_to_errors(field, noise):
     """The sources in parts, with a noise in their errors."""
     sky = as_parts(field, SourcesWithErrors)
     return apply_step(sky, EnlargedErrors(float(noise) ** 2, 1.0)) if noise else sky
@@ -516,8 +539,10 @@ def _add_noise(field, noise):
 def _compute_log_likelihood(sky, weigher):
     """ln of the likelihood of a Student-t fit."""
     sums = sky.sum(partial(_sum_likelihood_terms, weigher=weigher), roles=(), words=f"{_LABEL}, likelihood")
-    mean = _compute_mean_log_t(weigher.weight.nu, weigher.weight.components, sums["log"] / sums["sources"])
-    return float(sums["sources"] * mean - sums["logdet"] / 2)
+    mean_log_density = _compute_mean_log_density(
+        weigher.weight.nu, weigher.weight.components, sums["log"] / sums["sources"]
+    )
+    return float(sums["sources"] * mean_log_density - sums["logdet"] / 2)
 
 
 def _sum_chi2(field, solution):
@@ -525,36 +550,36 @@ def _sum_chi2(field, solution):
 
 
 def _sum_likelihood_terms(field, weigher):
-    log = _sum_log(1 + weigher(field)[0] / weigher.weight.nu)
+    log = _sum_logarithms(1 + weigher(field)[0] / weigher.weight.nu)
     logdet = sum(field[rows].log_determinants.sum() for rows in slice_blocks(len(field)))
     return {"log": float(log), "logdet": float(logdet), "sources": len(field)}
 
 
-def _sum_plain_equations(field, modes):
+def _sum_equations_and_information(field, modes):
     return normal_equations(field, modes), float(field.information.sum())
 
 
-def _make_weighted_equations(field, weigher, modes):
+def _sum_weighted_equations_and_scale(field, weigher, modes):
     _, u, _, _ = weigher(field)
     normal = normal_equations(field.with_errors(field.sigma / np.sqrt(u)), modes)
     return {"normal": normal} | _sum_scale_terms(field, weigher)
 
 
-def _sum_class_equations(field, weigher, modes, stretch):
+def _sum_class_equations(field, weigher, modes, residual_stretch):
     """Weighted equations of some sources whose residuals are stretched."""
     _, u, _, residual = weigher(field)
     residual = residual[0] if field.components == 1 else residual
-    return normal_equations(field.minus((1 - stretch) * residual).with_errors(field.sigma / np.sqrt(u)), modes)
+    return normal_equations(field.minus((1 - residual_stretch) * residual).with_errors(field.sigma / np.sqrt(u)), modes)
 
 
 def _sum_scale_terms(field, weigher):
     """The sums that the scale of weighted equations follows from."""
     x2, u, slope, _ = weigher(field)
-    weight = field.information
+    information = field.information
     return {
-        "u": float(weight @ u),
-        "ψ²": float(weight @ (u**2 * x2)),
-        "ψ'": float(weight @ (u + 2 / field.components * slope * x2)),
+        "u": float(information @ u),
+        "ψ²": float(information @ (u**2 * x2)),
+        "ψ'": float(information @ (u + 2 / field.components * slope * x2)),
     }
 
 
@@ -564,16 +589,16 @@ def _compute_score_factors(field, weigher):
     return residual, u, u + 2 / field.components * slope * x2
 
 
-def _weight_facts(field, weigher):
+def _summarise_weights(field, weigher):
     _, u, _, residual = weigher(field)
-    labels = field.name if field.name is not None else np.arange(len(field))
+    source_labels = field.name if field.name is not None else np.arange(len(field))
     candidates = np.argpartition(u, min(5, len(u) - 1))[:5]
-    least = candidates[np.argsort(u[candidates], kind="stable")]
+    least_weighted = candidates[np.argsort(u[candidates], kind="stable")]
     return {
         "u": float(u.sum()),
         "u²": float(u @ u),
         "chi2": float(sum(field[rows].inner(*2 * [residual[:, rows]]).sum() for rows in slice_blocks(len(field)))),
         "sources": len(field),
-        "least": [(float(u[i]), one_line_text(labels[i])) for i in least],
+        "least": [(float(u[i]), one_line_text(source_labels[i])) for i in least_weighted],
         "most": [float(u.max())],
     }

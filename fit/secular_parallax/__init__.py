@@ -9,28 +9,33 @@ from fit.secular_parallax._equations import (
     ParallaxParts,
     ParallaxSums,
     U,
+    add_acceleration_prior,
     add_flow_prior,
-    check_determined,
-    flow_covariance,
+    add_vector_prior,
+    check_parameters_determined,
+    compute_flow_covariance,
     marginalise_flow,
-    with_acceleration,
-    with_prior,
-    without_known,
+    subtract_known_motions,
 )
 from fit.secular_parallax._estimate import (
-    WITH_GROUP,
+    WITH_LOCAL_GROUP,
     VelocityForecast,
     forecast_velocity,
     hubble_constant,
-    is_frame_undeclared,
-    local_group_of,
-    notes_on_group,
+    is_redshift_frame_undeclared,
+    make_local_group_measurement,
+    make_notes_on_local_group,
     observer_velocity,
     predict_errors,
-    warn_of_undeclared_frame,
+    warn_of_undeclared_redshift_frame,
 )
-from fit.secular_parallax._model import ASSUMED, LEFT_DISPERSION, DistanceModel, modes_within
-from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution, doubt_speed
+from fit.secular_parallax._model import ASSUMED, LEFT_DISPERSION, DistanceModel, make_flow_modes_within
+from fit.secular_parallax._solution import (
+    HubbleSolution,
+    ParallaxSolution,
+    VelocitySolution,
+    describe_implausible_speed,
+)
 
 __all__ = [
     "DistanceModel",

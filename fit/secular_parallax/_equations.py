@@ -43,9 +43,9 @@ from vsh.vector import Vector
 #: u: our velocity were H0 what the cosmology has [km/s]; ã and ω [µas/yr]; v of those with distances in Mpc [km/s].
 U, A, OMEGA, V = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 #: Sources whose flow is computed at once.
-_BLOCK = 512
+_NEAR_BLOCK_SIZE = 512
 #: Distances surer than this leave no room for magnitudes to tell near from far: sources weigh by their own errors.
-_SURE_ERROR = 0.05
+_SURE_RELATIVE_ERROR = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class ParallaxEquations:
     hubble: float
     frame: str
     notes: tuple[str, ...]
-    flow: FlowRows | None = None
+    flow: FlowColumns | None = None
     n_own: int = 0
     left_out: Any = None
 
@@ -98,16 +98,16 @@ class ParallaxEquations:
         """The largest rate of all equations. [µas/yr per km/s]"""
         return float(self.rate.max())
 
-    def most_sensitive(self, n_sources: int) -> ParallaxEquations:
+    def select_most_sensitive(self, n_sources: int) -> ParallaxEquations:
         """Select the sources that are most sensitive to peculiar velocities, by distance and error alone."""
         n = self.n_data // 2
         if n <= n_sources:
             return self
         sensitivity = self.rate[:n] ** 2 * (1 / self.variance[:n] + 1 / self.variance[n:])
-        sources = np.sort(np.argpartition(-sensitivity, n_sources)[:n_sources])
-        rows = np.r_[sources, sources + n]
-        flow = None if self.flow is None else self.flow.select(sources[sources < len(self.flow.lon)])
-        columns = {name: getattr(self, name)[rows] for name in ("design", "motion", "variance", "rate", "left")}
+        source_numbers = np.sort(np.argpartition(-sensitivity, n_sources)[:n_sources])
+        row_numbers = np.r_[source_numbers, source_numbers + n]
+        flow = None if self.flow is None else self.flow.select(source_numbers[source_numbers < len(self.flow.lon)])
+        columns = {name: getattr(self, name)[row_numbers] for name in ("design", "motion", "variance", "rate", "left")}
         return replace(self, **columns, flow=flow)
 
     def sums(
@@ -115,41 +115,46 @@ class ParallaxEquations:
     ) -> ParallaxSums:
         """Normal equations with variances V = σ² + (spread k)² + excess_noise², and what a flow's modes leave."""
         spread, excess_noise = np.broadcast_arrays(spread, excess_noise)
-        squares = np.stack([np.ravel(spread), np.ravel(excess_noise)]) ** 2
-        n_variances, n = squares.shape[1], self.n_data // 2
-        size = self.design.shape[1] + 1
+        squared_scatters = np.stack([np.ravel(spread), np.ravel(excess_noise)]) ** 2
+        n_variances, n = squared_scatters.shape[1], self.n_data // 2
+        n_far_columns = self.design.shape[1] + 1
         n_near = 0 if self.flow is None else len(self.flow.lon)
-        far_rows = np.r_[n_near:n, n + n_near : 2 * n]
+        far_row_numbers = np.r_[n_near:n, n + n_near : 2 * n]
 
-        def weighted_gram(index, flow_rows):
-            base = self.variance[index, None] + self.left[index, None] * ratio**2
-            variance = self.rate[index, None] ** 2 * squares[0] + (base + squares[1])
-            rows = np.concatenate([self.design[index].T, self.motion[index][None], *flow_rows])
-            return _compute_gram(rows, variance), np.log(variance).sum(0)
+        def compute_gram_and_logdet(row_numbers, flow_columns):
+            base_variance = self.variance[row_numbers, None] + self.left[row_numbers, None] * ratio**2
+            variance = self.rate[row_numbers, None] ** 2 * squared_scatters[0] + (base_variance + squared_scatters[1])
+            rows = np.concatenate([self.design[row_numbers].T, self.motion[row_numbers][None], *flow_columns])
+            return _compute_weighted_grams(rows, variance), np.log(variance).sum(0)
 
-        def near_block(chunk):
+        def sum_near_chunk(chunk):
             assert self.flow is not None
-            return weighted_gram(np.r_[chunk, slice(n + chunk.start, n + chunk.stop)], [self.flow.columns(chunk).T])
+            return compute_gram_and_logdet(
+                np.r_[chunk, slice(n + chunk.start, n + chunk.stop)], [self.flow.columns(chunk).T]
+            )
 
-        def far_block(chunk):
-            return weighted_gram(far_rows[chunk], [])
+        def sum_far_chunk(chunk):
+            return compute_gram_and_logdet(far_row_numbers[chunk], [])
 
-        total = size + (0 if self.modes is None else len(self.modes))
-        gram: Any = np.zeros((n_variances, total, total))
+        n_columns = n_far_columns + (0 if self.modes is None else len(self.modes))
+        gram: Any = np.zeros((n_variances, n_columns, n_columns))
         logdet: Any = np.zeros(n_variances)
-        far_size = max(64, 2**20 // max(55, n_variances))
-        jobs = ((near_block, n_near, _BLOCK, total), (far_block, far_rows.size, far_size, size))
-        for work, count, block_size, width in jobs:
-            for block, block_logdet in map_blocks(work, count, block_size, threads):
+        far_block_size = max(64, 2**20 // max(55, n_variances))
+        jobs = (
+            (sum_near_chunk, n_near, _NEAR_BLOCK_SIZE, n_columns),
+            (sum_far_chunk, far_row_numbers.size, far_block_size, n_far_columns),
+        )
+        for sum_chunk, n_indices, block_size, width in jobs:
+            for block, block_logdet in map_blocks(sum_chunk, n_indices, block_size, threads):
                 gram[:, :width, :width] += block
                 logdet += block_logdet
-        order = np.r_[: size - 1, size:total, size - 1]  # the motion last
-        gram = gram[:, order[:, None], order].reshape(*spread.shape, len(order), len(order))
+        column_order = np.r_[: n_far_columns - 1, n_far_columns:n_columns, n_far_columns - 1]  # the motion last
+        gram = gram[:, column_order[:, None], column_order].reshape(*spread.shape, len(column_order), len(column_order))
         logdet_grid: Any = logdet.reshape(spread.shape)
         return ParallaxSums(gram[..., :-1, :-1], gram[..., :-1, -1], gram[..., -1, -1], logdet_grid, self.n_data)
 
 
-def _compute_gram(rows, variance):
+def _compute_weighted_grams(rows, variance):
     """Σ rows rowsᵀ/V for every column of variances, (m, k, k); rows are (k, n)."""
     k, n_variances = len(rows), variance.shape[1]
     if k <= 16:
@@ -161,8 +166,8 @@ def _compute_gram(rows, variance):
         matrices[:, upper[1], upper[0]] = sums
         return matrices
     matrices = np.empty((n_variances, k, k))
-    for i, column in enumerate(variance.T):
-        white_rows = rows / np.sqrt(column)
+    for i, row_variances in enumerate(variance.T):
+        white_rows = rows / np.sqrt(row_variances)
         matrices[i] = white_rows @ white_rows.T
     return matrices
 
@@ -181,18 +186,18 @@ def make_field_equations(
     """The equations of a field."""
     k = inverse_distances(field, calibration, threads)
     distance = k.distance * calibration.little_h
-    mean, motion, notes = k.mean, field.motion, field.notes
+    mean_k, motion, notes = k.mean, field.motion, field.notes
     if reconstruction is not None:
-        tangential_velocity, mean_shift, flow_notes = find_known_flow(reconstruction, field, distance, k.slope)
-        mean = mean + np.clip(mean_shift, -mean / 2, mean)
-        motion, notes = motion - tangential_velocity * mean * np.where(k.own, 1.0, ratio), (*notes, *flow_notes)
-    scale = np.where(k.own, ratio, 1.0)  # what is in Mpc moves by v/d, not by u/d
-    mean, variance_of_k = mean / scale, k.variance / scale**2
+        tangential_velocity, mean_shift, flow_notes = compute_known_flow(reconstruction, field, distance, k.slope)
+        mean_k = mean_k + np.clip(mean_shift, -mean_k / 2, mean_k)
+        motion, notes = motion - tangential_velocity * mean_k * np.where(k.own, 1.0, ratio), (*notes, *flow_notes)
+    distance_ratio = np.where(k.own, ratio, 1.0)  # what is in Mpc moves by v/d, not by u/d
+    mean_k, variance_of_k = mean_k / distance_ratio, k.variance / distance_ratio**2
     p, q, _ = triad(field.lon, field.lat)
     cos, sin, major_variance, minor_variance = _compute_error_ellipses(field, calibration, k)
     own_mask = np.where(k.own & apart, 1.0, 0.0)
     # Our own motion moves sources by v/d_P, which in curved space is another distance than d_M.
-    parallax_rate = mean * parallax_distance_ratio(
+    parallax_rate = mean_k * parallax_distance_ratio(
         1 / (AU_PER_YEAR * np.where(k.own, k.mean / ratio, k.mean)), calibration.cosmology
     )
     velocity_columns = -parallax_rate * np.stack([p, q])
@@ -205,13 +210,15 @@ def make_field_equations(
         residual_variance = np.full(len(field), theory.sigma**2)
     if modes is not None:
         is_near = distance <= modes.radii[-1]
-        order = np.argsort(~is_near, kind="stable")
-        near_indices = order[: is_near.sum()]
+        near_first = np.argsort(~is_near, kind="stable")
+        near_indices = near_first[: is_near.sum()]
         residual_variance[is_near] = modes.left(distance[is_near])[0]
-        flow = FlowRows(modes, *(array[near_indices] for array in (field.lon, field.lat, distance, mean, cos, sin)))
-    rate = np.sqrt(mean**2 + variance_of_k)
+        flow = FlowColumns(
+            modes, *(array[near_indices] for array in (field.lon, field.lat, distance, mean_k, cos, sin))
+        )
+    rate = np.sqrt(mean_k**2 + variance_of_k)
     scatter_variance, residual_variance = variance_of_k * velocity_variance, residual_variance * rate**2
-    rows: dict[str, Any] = {
+    columns_by_name: dict[str, Any] = {
         "design": np.concatenate([cos * east + sin * north, cos * north - sin * east], axis=1).T,
         "motion": np.concatenate([cos * motion[0] + sin * motion[1], cos * motion[1] - sin * motion[0]]),
         "variance": np.concatenate([major_variance + scatter_variance, minor_variance + scatter_variance]),
@@ -219,25 +226,27 @@ def make_field_equations(
         "left": np.tile(residual_variance, 2),
     }
     if modes is not None:
-        row_order = np.r_[order, order + len(field)]
-        rows = {name: column[row_order] for name, column in rows.items()}
+        row_order = np.r_[near_first, near_first + len(field)]
+        columns_by_name = {name: column[row_order] for name, column in columns_by_name.items()}
     hubble, notes = hubble_value(calibration.cosmology), (*notes, *calibration.notes)
-    return ParallaxEquations(**rows, hubble=hubble, frame=field.frame, notes=notes, flow=flow, n_own=int(k.own.sum()))
+    return ParallaxEquations(
+        **columns_by_name, hubble=hubble, frame=field.frame, notes=notes, flow=flow, n_own=int(k.own.sum())
+    )
 
 
 def _compute_error_ellipses(field, calibration, k):
     """Direction and variances of error ellipses; circles where distances are unsure and only redshifts may weigh."""
-    (s1, s2), rho = field.sigma**2, field.rho
+    (v1, v2), rho = field.sigma**2, field.rho
     if calibration.errors is not None:
-        is_uncertain = ~k.own & (np.sqrt(k.variance) > _SURE_ERROR * k.mean)
-        mean = calibration.errors.at(k.redshift)
-        s1, s2 = (np.where(is_uncertain, mean, square) for square in (s1, s2))
+        is_uncertain = ~k.own & (np.sqrt(k.variance) > _SURE_RELATIVE_ERROR * k.mean)
+        typical_variance = calibration.errors.at(k.redshift)
+        v1, v2 = (np.where(is_uncertain, typical_variance, variance) for variance in (v1, v2))
         rho = np.where(is_uncertain, 0.0, rho)
-    covariance = rho * np.sqrt(s1 * s2)
-    angle = np.arctan2(2 * covariance, s1 - s2) / 2
-    mean, half_difference = (s1 + s2) / 2, np.hypot((s1 - s2) / 2, covariance)
-    major_variance = mean + half_difference
-    minor_variance = s1 * s2 * (1 - rho**2) / major_variance  # mean − half would cancel
+    covariance = rho * np.sqrt(v1 * v2)
+    angle = np.arctan2(2 * covariance, v1 - v2) / 2
+    mean_variance, half_difference = (v1 + v2) / 2, np.hypot((v1 - v2) / 2, covariance)
+    major_variance = mean_variance + half_difference
+    minor_variance = v1 * v2 * (1 - rho**2) / major_variance  # mean − half would cancel
     return np.cos(angle), np.sin(angle), major_variance, minor_variance
 
 
@@ -265,22 +274,28 @@ class ParallaxParts:
     @classmethod
     def of(cls, sky: Parts, calibration: Calibration, options: dict[str, Any]) -> ParallaxParts:
         """The equations of a catalogue in parts."""
-        work = partial(_collect_facts, calibration=calibration, options=options)
-        facts = sky.sum(work, roles=DISTANCES, words="redshifts")
+        collect_facts = partial(_collect_equation_facts, calibration=calibration, options=options)
+        facts = sky.sum(collect_facts, roles=DISTANCES, words="redshifts")
         if len(facts["frames"]) > 1:
             raise FrameError(f"parts are in {' and '.join(sorted(facts['frames']))}: take all to one frame")
-        about = {"frame": next(iter(facts["frames"])), "notes": merge_notes(*facts["notes"]), "n_own": facts["n_own"]}
-        about |= {"smallest_variance": min(facts["variance"]), "largest_rate": max(facts["rate"])}
+        attributes = {
+            "frame": next(iter(facts["frames"])),
+            "notes": merge_notes(*facts["notes"]),
+            "n_own": facts["n_own"],
+        }
+        attributes |= {"smallest_variance": min(facts["variance"]), "largest_rate": max(facts["rate"])}
         hubble = hubble_value(calibration.cosmology)
-        return cls(sky, calibration, options, n_data=facts["n_data"], hubble=hubble, **about)
+        return cls(sky, calibration, options, n_data=facts["n_data"], hubble=hubble, **attributes)
 
     def sums(self, *spreads: ArrayLike, **keywords: Any) -> ParallaxSums:
         """Compute the sums of `ParallaxEquations.sums`, with its arguments."""
-        work = partial(_sum_up, calibration=self.calibration, options=self.options, spreads=spreads, keywords=keywords)
-        return self.sky.sum(work, roles=DISTANCES, words="secular parallax")
+        sum_equations = partial(
+            _sum_field_equations, calibration=self.calibration, options=self.options, spreads=spreads, keywords=keywords
+        )
+        return self.sky.sum(sum_equations, roles=DISTANCES, words="secular parallax")
 
 
-def _collect_facts(field, calibration, options):
+def _collect_equation_facts(field, calibration, options):
     equations = make_field_equations(field, calibration, **options)
     return {
         "n_data": equations.n_data,
@@ -292,11 +307,13 @@ def _collect_facts(field, calibration, options):
     }
 
 
-def _sum_up(field, calibration, options, spreads, keywords):
+def _sum_field_equations(field, calibration, options, spreads, keywords):
     return make_field_equations(field, calibration, **options).sums(*spreads, **keywords)
 
 
-def equations(field: Field | Parts, calibration: Calibration, **options: Any) -> ParallaxEquations | ParallaxParts:
+def make_parallax_equations(
+    field: Field | Parts, calibration: Calibration, **options: Any
+) -> ParallaxEquations | ParallaxParts:
     """The equations of a field or of parts."""
     if isinstance(field, Parts):
         return ParallaxParts.of(field, calibration, options)
@@ -304,7 +321,7 @@ def equations(field: Field | Parts, calibration: Calibration, **options: Any) ->
 
 
 @dataclass(frozen=True, eq=False)
-class FlowRows:
+class FlowColumns:
     """Columns of the equations for the modes of a flow, along the axes of the error ellipses.
 
     The flow moves redshifts as well, and with them the distances at which motions are expected. The effect is the
@@ -322,10 +339,10 @@ class FlowRows:
     cos: FloatArray
     sin: FloatArray
 
-    def select(self, source_indices: IntArray) -> FlowRows:
+    def select(self, source_indices: IntArray) -> FlowColumns:
         """Equations of some sources."""
         names = ("lon", "lat", "distance", "rate", "cos", "sin")
-        return FlowRows(self.modes, *(getattr(self, name)[source_indices] for name in names))
+        return FlowColumns(self.modes, *(getattr(self, name)[source_indices] for name in names))
 
     def columns(self, sources: slice) -> FloatArray:
         """The columns of some sources, (2k, p): the first components of all, then the second. [µas/yr]"""
@@ -335,15 +352,15 @@ class FlowRows:
         return columns.reshape(len(self.modes), -1).T
 
 
-def find_known_flow(
+def compute_known_flow(
     grid: VelocityGrid, field: Field, distance: FloatArray, slope: FloatArray
 ) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
     """Velocities that are known from elsewhere: across, what they do to 1/d by the redshift, and a note."""
     velocity, is_inside = grid.at(field.lon, field.lat, distance, field.frame)
-    across, along = local_components(velocity, field.lon, field.lat)
+    tangential_velocity, radial_velocity = local_components(velocity, field.lon, field.lat)
     n_outside = int((~is_inside).sum())
     note = f"{n_outside} sources lie outside of the reconstructed flow, which is taken as zero there"
-    return across, -slope * along / SPEED_OF_LIGHT, (note,) if n_outside else ()
+    return tangential_velocity, -slope * radial_velocity / SPEED_OF_LIGHT, (note,) if n_outside else ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -384,8 +401,8 @@ class Flow(Result):
 
     def bulk(self, radius: float) -> Vector:
         """The mean velocity at distance `radius` [Mpc/h], over all directions, with its covariance. [km/s]"""
-        rows = _compute_shell_mean(self.modes, positive("radius", radius))
-        return Vector(rows @ self.values, rows @ self.covariance @ rows.T, self.frame, "km/s")
+        mean_by_mode = _compute_shell_mean_by_mode(self.modes, positive("radius", radius))
+        return Vector(mean_by_mode @ self.values, mean_by_mode @ self.covariance @ mean_by_mode.T, self.frame, "km/s")
 
     def _sections(self, long):
         facts = [("prior", f"{self.modes.theory.name}, {len(self.modes)} modes"), ("axes", self.frame)]
@@ -393,13 +410,15 @@ class Flow(Result):
 
     def to_table(self) -> Table:
         """Mean velocities of shells as an astropy Table, a row each."""
-        farthest = float(self.modes.radii[-1])
-        radii = [radius for radius in (10.0, 20.0, 40.0, 80.0, 160.0, 320.0) if radius <= farthest] or [farthest]
-        bulks = [self.bulk(radius) for radius in radii]
+        farthest_radius = float(self.modes.radii[-1])
+        radii = [radius for radius in (10.0, 20.0, 40.0, 80.0, 160.0, 320.0) if radius <= farthest_radius] or [
+            farthest_radius
+        ]
+        bulk_velocities = [self.bulk(radius) for radius in radii]
         columns: dict[str, Any] = {"distance": radii}
         for i, axis in enumerate("xyz"):
-            columns[f"v_{axis}"] = [v.value[i] for v in bulks]
-            columns[f"v_{axis}_error"] = [v.sigma[i] for v in bulks]
+            columns[f"v_{axis}"] = [v.value[i] for v in bulk_velocities]
+            columns[f"v_{axis}_error"] = [v.sigma[i] for v in bulk_velocities]
         units = {name: "km / s" for name in columns if name.startswith("v_")} | {"distance": "Mpc"}
         return tables.table_of(columns, {"frame": self.frame}, units)
 
@@ -410,16 +429,16 @@ class Flow(Result):
         return plot_flow(self, ax=ax)
 
 
-def _compute_shell_mean(modes, radius):
+def _compute_shell_mean_by_mode(modes, radius):
     """Mean velocity over a shell by each mode, (3, p): (f_r + 2 f_t)/3 e for degree 1, else nothing."""
     lon, lat, distance = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2]), np.full(3, radius)
-    along = modes.at(lon, lat, distance)[1]  # outwards on the axes x, y, z
-    across = modes.at(lon[:2], lat[:2], distance[:2])[0]  # on x, east is y and north z; on y, east is −x
-    toward = np.stack([-across[0, 1], across[0, 0], across[1, 0]])
+    radial = modes.at(lon, lat, distance)[1]  # outwards on the axes x, y, z
+    tangential = modes.at(lon[:2], lat[:2], distance[:2])[0]  # on x, east is y and north z; on y, east is −x
+    tangential_by_axis = np.stack([-tangential[0, 1], tangential[0, 0], tangential[1, 0]])
     dipole = slice(modes.counts[0], modes.counts[0] + 3 * modes.counts[1])
-    rows = np.zeros_like(along)
-    rows[:, dipole] = (along[:, dipole] + 2 * toward[:, dipole]) / 3
-    return rows
+    shell_means = np.zeros_like(radial)
+    shell_means[:, dipole] = (radial[:, dipole] + 2 * tangential_by_axis[:, dipole]) / 3
+    return shell_means
 
 
 def make_flow(
@@ -432,39 +451,39 @@ def make_flow(
     return Flow(equations.modes, values, (total_covariance + total_covariance.T) / 2, equations.frame)
 
 
-def with_acceleration(sums: ParallaxSums, acceleration: Vector | None, frame: str) -> ParallaxSums:
+def add_acceleration_prior(sums: ParallaxSums, acceleration: Vector | None, frame: str) -> ParallaxSums:
     """Add a prior on the acceleration, from quasars for example."""
     if acceleration is None:
         return sums
     if not isinstance(acceleration, Vector):
         raise ParameterError(f"the acceleration is a Vector with its covariance, not {type(acceleration).__name__}")
-    return with_prior(sums, acceleration.to_frame(frame), A)
+    return add_vector_prior(sums, acceleration.to_frame(frame), A)
 
 
-def with_prior(sums: ParallaxSums, prior: Vector, at: slice) -> ParallaxSums:
+def add_vector_prior(sums: ParallaxSums, prior: Vector, unknowns: slice) -> ParallaxSums:
     """Add a Gaussian prior on one of the vectors of unknowns."""
     if not np.linalg.eigvalsh(prior.covariance)[0] > 0:
         raise ParameterError("an acceleration or a spin that is known needs errors in all three components")
     weight = np.linalg.inv(prior.covariance)
     matrix, rhs = sums.matrix.copy(), sums.rhs.copy()
-    matrix[..., at, at] += weight
-    rhs[..., at] += weight @ prior.value
+    matrix[..., unknowns, unknowns] += weight
+    rhs[..., unknowns] += weight @ prior.value
     return replace(sums, matrix=matrix, rhs=rhs, chi2_null=sums.chi2_null + prior.value @ weight @ prior.value)
 
 
-def without_known(sums: ParallaxSums, values: FloatArray, at: slice) -> ParallaxSums:
+def subtract_known_motions(sums: ParallaxSums, known_values: FloatArray, unknowns: slice) -> ParallaxSums:
     """Take the motions by known values of some unknowns away."""
-    motion = sums.matrix[..., at] @ values
-    chi2_null = sums.chi2_null - 2 * sums.rhs[..., at] @ values + motion[..., at] @ values
+    motion = sums.matrix[..., unknowns] @ known_values
+    chi2_null = sums.chi2_null - 2 * sums.rhs[..., unknowns] @ known_values + motion[..., unknowns] @ known_values
     return replace(sums, rhs=sums.rhs - motion, chi2_null=chi2_null)
 
 
 def add_flow_prior(sums: ParallaxSums, width: int, scale: FloatArray | float) -> ParallaxSums:
     """Add a Gaussian prior on the amplitudes of the modes of a flow, about zero with the standard deviation `scale`."""
     matrix = sums.matrix.copy()
-    modes = np.arange(width, matrix.shape[-1])
-    matrix[..., modes, modes] += 1 / np.asarray(scale)[..., None] ** 2
-    prior_logdet = len(modes) * np.log(np.asarray(scale) ** 2)
+    mode_indices = np.arange(width, matrix.shape[-1])
+    matrix[..., mode_indices, mode_indices] += 1 / np.asarray(scale)[..., None] ** 2
+    prior_logdet = len(mode_indices) * np.log(np.asarray(scale) ** 2)
     return replace(sums, matrix=matrix, logdet=sums.logdet + prior_logdet)
 
 
@@ -479,22 +498,24 @@ class Amplitudes:
 
 def marginalise_flow(sums: ParallaxSums, width: int) -> tuple[ParallaxSums, Amplitudes]:
     """The modes marginalised: normal equations of what is left, and the modes given that."""
-    parameters, modes = slice(0, width), slice(width, None)
+    parameter_slice, mode_slice = slice(0, width), slice(width, None)
     matrix, rhs = sums.matrix, sums.rhs
-    inner = matrix[..., modes, modes]
-    root = np.linalg.cholesky(inner)
-    logdet = 2 * np.log(np.einsum("...ii->...i", root)).sum(-1)
-    solution = np.linalg.solve(inner, np.concatenate([matrix[..., modes, parameters], rhs[..., modes, None]], axis=-1))
-    slope, mean = solution[..., :-1], solution[..., -1]
-    cross_matrix = matrix[..., parameters, modes]
+    mode_matrix = matrix[..., mode_slice, mode_slice]
+    cholesky_root = np.linalg.cholesky(mode_matrix)
+    logdet = 2 * np.log(np.einsum("...ii->...i", cholesky_root)).sum(-1)
+    slope_and_mean = np.linalg.solve(
+        mode_matrix, np.concatenate([matrix[..., mode_slice, parameter_slice], rhs[..., mode_slice, None]], axis=-1)
+    )
+    slope, mean = slope_and_mean[..., :-1], slope_and_mean[..., -1]
+    cross_matrix = matrix[..., parameter_slice, mode_slice]
     marginal = ParallaxSums(
-        matrix[..., parameters, parameters] - cross_matrix @ slope,
-        rhs[..., parameters] - np.einsum("...ij,...j->...i", cross_matrix, mean),
-        sums.chi2_null - np.einsum("...i,...i->...", rhs[..., modes], mean),
+        matrix[..., parameter_slice, parameter_slice] - cross_matrix @ slope,
+        rhs[..., parameter_slice] - np.einsum("...ij,...j->...i", cross_matrix, mean),
+        sums.chi2_null - np.einsum("...i,...i->...", rhs[..., mode_slice], mean),
         sums.logdet + logdet,
         sums.n_data,
     )
-    covariance = np.asarray(np.linalg.inv(inner) if inner.ndim == 2 else (), float)
+    covariance = np.asarray(np.linalg.inv(mode_matrix) if mode_matrix.ndim == 2 else (), float)
     return marginal, Amplitudes(mean, slope, covariance)
 
 
@@ -516,7 +537,7 @@ class LocalGroup:
     velocity: FloatArray
     covariance: FloatArray
 
-    def added(
+    def add_to_sums(
         self, sums: ParallaxSums, width: int, ratio: float, our_velocity: FloatArray | None, h: float | None = None
     ) -> ParallaxSums:
         """Normal equations with this measurement as well; they hold the flow's prior already.
@@ -528,16 +549,16 @@ class LocalGroup:
         gain = design.T @ np.linalg.inv(self.covariance) / ratio**2
         mean = design.T @ np.linalg.solve(design @ design.T + self.covariance, self.velocity)
         pull = gain @ self.velocity
-        size = pull @ mean
+        information_on_h = pull @ mean
         matrix, rhs, chi2_null = sums.matrix.copy(), sums.rhs.copy(), sums.chi2_null
         matrix[width:, width:] += gain @ design
         if our_velocity is None:
             rhs[width:] += pull * h
-            chi2_null = chi2_null + size * h**2
+            chi2_null = chi2_null + information_on_h * h**2
         else:
-            toward = our_velocity / (our_velocity @ our_velocity)
-            matrix[U, U] += size * np.outer(toward, toward)
-            matrix[width:, U] -= np.outer(pull, toward)
+            scaled_direction = our_velocity / (our_velocity @ our_velocity)
+            matrix[U, U] += information_on_h * np.outer(scaled_direction, scaled_direction)
+            matrix[width:, U] -= np.outer(pull, scaled_direction)
             matrix[U, width:] = matrix[width:, U].T
         return replace(sums, matrix=matrix, rhs=rhs, chi2_null=chi2_null)
 
@@ -558,13 +579,13 @@ class OmittedFlow:
     def sums(self, spread: float, excess_noise: float, n_sources: int) -> ParallaxSums:
         """Normal matrix and right-hand side with the flow's columns, from a subsample, scaled to all sources."""
         subsample = apply_step(self.field, partial(_take_subsample, share=_SUBSAMPLE_SIZE / n_sources))
-        rows = equations(subsample, self.calibration, modes=self.modes, **self.options)
-        sums = rows.sums(spread, excess_noise)
-        scale = n_sources / (sums.n_data // 2)
-        return replace(sums, matrix=sums.matrix * scale, rhs=sums.rhs * scale)
+        subsample_equations = make_parallax_equations(subsample, self.calibration, modes=self.modes, **self.options)
+        sums = subsample_equations.sums(spread, excess_noise)
+        source_ratio = n_sources / (sums.n_data // 2)
+        return replace(sums, matrix=sums.matrix * source_ratio, rhs=sums.rhs * source_ratio)
 
 
-def flow_covariance(sums: ParallaxSums, to_u: FloatArray, ratio: float) -> FloatArray:
+def compute_flow_covariance(sums: ParallaxSums, to_u: FloatArray, ratio: float) -> FloatArray:
     """The covariance that an omitted flow induces in the fitted parameters."""
     width = len(to_u)
     normal = to_u.T @ sums.matrix[:width, :width] @ to_u
@@ -578,7 +599,7 @@ def _take_subsample(field, share):
     return field[is_selected] if is_selected.any() else field[:1]
 
 
-def solve_for(
+def solve_for_parameters(
     sums: ParallaxSums,
     to_u: FloatArray,
     names: tuple[str, ...],
@@ -586,43 +607,43 @@ def solve_for(
     equations: ParallaxEquations | ParallaxParts,
     acceleration: Vector | None,
     ratio: float,
-    group: LocalGroup | None = None,
+    local_group_measurement: LocalGroup | None = None,
     velocity: FloatArray | None = None,
-    left_out: ParallaxSums | None = None,
+    omitted_flow_sums: ParallaxSums | None = None,
 ) -> dict[str, Any]:
     """Least squares for θ with (u, ã, ω[, v]) = to_u θ: the spin fixed, free or none, the flow marginalised.
 
-    `to_u` is (9 or 12, p), `ratio` H0/H_ref in the weights, `group` a measurement of the flow where we are, `velocity`
-    ours where H0 is the first of θ; `left_out` are the sums with the columns of a flow that the fit leaves out. Returns
-    what a solution is made with.
+    `to_u` is (9 or 12, p), `ratio` H0/H_ref in the weights, `local_group_measurement` one of the flow where we are,
+    `velocity` ours where H0 is the first of θ; `omitted_flow_sums` are the sums with the columns of a flow that the fit
+    leaves out. Returns what a solution is made with.
     """
     width = 9 if velocity is None else 12
-    sums = with_acceleration(sums, acceleration, equations.frame)
+    sums = add_acceleration_prior(sums, acceleration, equations.frame)
     noise_matrix, amplitudes = sums.matrix[:width, :width], None
     if isinstance(spin, str) and spin == "free":
         to_u = np.concatenate([to_u, np.eye(width)[:, OMEGA]], axis=1)
         names = (*names, "omega_x", "omega_y", "omega_z")
     elif spin is not None and not isinstance(spin, Vector):
         raise ParameterError(f"spin is None, 'free' or a Vector, not {spin!r}")
-    constants = np.zeros(width)
+    known_values = np.zeros(width)
     if velocity is not None:
-        constants[V] = velocity
+        known_values[V] = velocity
     if isinstance(spin, Vector):
         spin = spin.to_frame(equations.frame)
-        constants[OMEGA] = spin.value
+        known_values[OMEGA] = spin.value
     if equations.modes is not None:
         sums = add_flow_prior(sums, width, ratio)
-        if group is not None:
-            sums = group.added(sums, width, ratio, velocity)
+        if local_group_measurement is not None:
+            sums = local_group_measurement.add_to_sums(sums, width, ratio, velocity)
         sums, amplitudes = marginalise_flow(sums, width)
     normal = to_u.T @ sums.matrix @ to_u
-    check_determined(normal, names, sums.n_data // 2)
+    check_parameters_determined(normal, names, sums.n_data // 2)
     inverse = np.linalg.inv(normal)
     covariance = (inverse + inverse.T) / 2
-    reduced_sums = without_known(sums, constants, slice(None))
+    reduced_sums = subtract_known_motions(sums, known_values, slice(None))
     rhs = to_u.T @ reduced_sums.rhs
     values = inverse @ rhs
-    noise = np.linalg.inv(to_u.T @ noise_matrix @ to_u) if equations.modes is not None else covariance
+    noise_covariance = np.linalg.inv(to_u.T @ noise_matrix @ to_u) if equations.modes is not None else covariance
     if isinstance(spin, Vector):
         spin_response = covariance @ to_u.T @ sums.matrix[:, OMEGA]
         covariance = covariance + spin_response @ spin.covariance @ spin_response.T
@@ -634,24 +655,26 @@ def solve_for(
         "n_data": sums.n_data,
         "frame": equations.frame,
         "notes": equations.notes,
-        "noise_covariance": noise,
+        "noise_covariance": noise_covariance,
     }
-    if left_out is not None:
-        left_out = with_acceleration(left_out, acceleration, equations.frame)
-        attributes["flow_covariance"] = flow_covariance(left_out, to_u, ratio)
+    if omitted_flow_sums is not None:
+        omitted_flow_sums = add_acceleration_prior(omitted_flow_sums, acceleration, equations.frame)
+        attributes["flow_covariance"] = compute_flow_covariance(omitted_flow_sums, to_u, ratio)
     if amplitudes is not None:
-        attributes["flow"] = make_flow(equations, amplitudes, to_u @ values + constants, to_u, covariance, ratio)
+        attributes["flow"] = make_flow(equations, amplitudes, to_u @ values + known_values, to_u, covariance, ratio)
     return attributes
 
 
-def check_determined(matrix: FloatArray, names: Sequence[str], sources: int, limit: float = 1e10) -> None:
+def check_parameters_determined(
+    matrix: FloatArray, names: Sequence[str], n_sources: int, condition_limit: float = 1e10
+) -> None:
     """Raise DegeneracyError if the data do not determine some combination of the parameters."""
     diagonal = np.diag(matrix)
-    if 2 * sources >= len(names) and (diagonal > 0).all():
+    if 2 * n_sources >= len(names) and (diagonal > 0).all():
         eigenvalues = np.linalg.eigvalsh(matrix / np.sqrt(np.outer(diagonal, diagonal)))
-        if eigenvalues[0] * limit > eigenvalues[-1]:
+        if eigenvalues[0] * condition_limit > eigenvalues[-1]:
             return
     raise DegeneracyError(
-        f"{sources} sources cannot separate {', '.join(names)}: more sources, over more of the sky and of "
+        f"{n_sources} sources cannot separate {', '.join(names)}: more sources, over more of the sky and of "
         "more than one distance, are needed"
     )

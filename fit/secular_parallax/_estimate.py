@@ -14,7 +14,15 @@ import numpy as np
 
 from fit.distances import declared_frame, has_distance_or_parallax
 from fit.results.storage import Result
-from fit.secular_parallax._equations import OMEGA, A, LocalGroup, ParallaxEquations, ParallaxParts, U, solve_for
+from fit.secular_parallax._equations import (
+    OMEGA,
+    A,
+    LocalGroup,
+    ParallaxEquations,
+    ParallaxParts,
+    U,
+    solve_for_parameters,
+)
 from fit.secular_parallax._model import DistanceModel, make_distance_model
 from fit.secular_parallax._solution import HubbleSolution, VelocitySolution, find_preferred_dispersion
 from vsh.field import Field
@@ -29,7 +37,7 @@ from vsh.tools.types import ArrayLike, AxesArray, OnAxes, Table
 from vsh.vector import Vector
 
 
-def is_frame_undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
+def is_redshift_frame_undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
     """Return whether the frame of the redshifts is not given."""
     if redshift_frame is not None:
         return False
@@ -37,9 +45,9 @@ def is_frame_undeclared(field: Field | Parts, redshift_frame: str | None) -> boo
     return first_field.redshift is not None and first_field.redshift_frame is None
 
 
-def warn_of_undeclared_frame(equations: Any, field: Field | Parts, redshift_frame: str | None) -> Any:
+def warn_of_undeclared_redshift_frame(equations: Any, field: Field | Parts, redshift_frame: str | None) -> Any:
     """The equations, with a note and a warning where the frame of the redshifts is not given."""
-    if not is_frame_undeclared(field, redshift_frame):
+    if not is_redshift_frame_undeclared(field, redshift_frame):
         return equations
     note = (
         "the frame of the redshifts is not given, so they are taken as true ones, without velocities or errors in "
@@ -123,36 +131,49 @@ def observer_velocity(
             "fit.posterior.sample"
         )
     model = make_distance_model(model, options)
-    rows = warn_of_undeclared_frame(model.equations(field, ratio=hubble / model.hubble), field, model.redshift_frame)
-    known = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise}
-    return _solve_for_velocity(rows, hubble, model.dispersion, **known)
+    equations = warn_of_undeclared_redshift_frame(
+        model.equations(field, ratio=hubble / model.hubble), field, model.redshift_frame
+    )
+    fit_options = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise}
+    return _solve_for_velocity(equations, hubble, model.dispersion, **fit_options)
 
 
-def _solve_for_velocity(equations, hubble, dispersion, **known):
+def _solve_for_velocity(equations, hubble, dispersion, **fit_options):
     """Our velocity from equations with distances for this H0; of the rest `local_group` is for forecasts alone."""
     ratio = hubble / equations.hubble
-    solve, dispersions = _make_solver(equations, dispersion, ratio, **known)
+    solve_equations, dispersions = _make_solver_and_dispersions(equations, dispersion, ratio, **fit_options)
     to_u = np.eye(9)
     to_u[U, U] *= ratio  # u = v H0/H_ref
-    attributes = solve(to_u[:, : OMEGA.start], ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z"))
+    attributes = solve_equations(to_u[:, : OMEGA.start], ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z"))
     return VelocitySolution(**attributes, **dispersions, assumed_hubble=hubble)
 
 
-def _make_solver(
+def _make_solver_and_dispersions(
     equations, dispersion, ratio, *, spin=None, acceleration=None, excess_noise=0.0, local_group=None, preferred=True
 ):
-    """`solve_for` these equations, a function of to_u, the names and our velocity; and the dispersions of the result.
+    """Solver of these equations, a function of to_u, the names and our velocity; and the dispersions of the result.
 
     The dispersion that the residuals prefer is None for parts, and where it is not `preferred`, asked for.
     """
-    group, sums = local_group_of(local_group, equations), equations.sums(dispersion * ratio, excess_noise, ratio=ratio)
-    omitted, best_dispersion = equations.left_out, None
-    left_out = None if omitted is None else omitted.sums(dispersion * ratio, excess_noise, equations.n_data // 2)
+    local_group_measurement, sums = (
+        make_local_group_measurement(local_group, equations),
+        equations.sums(dispersion * ratio, excess_noise, ratio=ratio),
+    )
+    omitted_flow, preferred_dispersion = equations.left_out, None
+    omitted_flow_sums = (
+        None if omitted_flow is None else omitted_flow.sums(dispersion * ratio, excess_noise, equations.n_data // 2)
+    )
     if preferred and isinstance(equations, ParallaxEquations):
-        best_dispersion = find_preferred_dispersion(equations, dispersion, excess_noise, acceleration, ratio, spin)
-    known = {"spin": spin, "equations": equations, "acceleration": acceleration, "ratio": ratio}
-    solve = partial(solve_for, sums, **known, group=group, left_out=left_out)
-    return solve, {"preferred": best_dispersion, "peculiar_dispersion": dispersion}
+        preferred_dispersion = find_preferred_dispersion(equations, dispersion, excess_noise, acceleration, ratio, spin)
+    solver_options = {"spin": spin, "equations": equations, "acceleration": acceleration, "ratio": ratio}
+    solve_equations = partial(
+        solve_for_parameters,
+        sums,
+        **solver_options,
+        local_group_measurement=local_group_measurement,
+        omitted_flow_sums=omitted_flow_sums,
+    )
+    return solve_equations, {"preferred": preferred_dispersion, "peculiar_dispersion": dispersion}
 
 
 @arguments.accepts(field=arguments.a(Field, Parts), hubble=arguments.positive, excess_noise=arguments.not_negative)
@@ -194,18 +215,18 @@ def hubble_constant(
             "fit.posterior.sample"
         )
     model = make_distance_model(model, options)
-    rows = warn_of_undeclared_frame(model.equations(field, apart=True), field, model.redshift_frame)
-    known = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise, "local_group": local_group}
-    solution = _solve_for_hubble(rows, velocity, model.dispersion, hubble, **known)
+    equations = warn_of_undeclared_redshift_frame(model.equations(field, apart=True), field, model.redshift_frame)
+    fit_options = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise, "local_group": local_group}
+    solution = _solve_for_hubble(equations, velocity, model.dispersion, hubble, **fit_options)
     frame = model.redshift_frame or declared_frame(field)
-    return replace(solution, notes=(*solution.notes, *notes_on_group(rows, local_group, frame)))
+    return replace(solution, notes=(*solution.notes, *make_notes_on_local_group(equations, local_group, frame)))
 
 
 #: The code of the note on a fit that takes the Local Group's motion for the flow where we are.
-WITH_GROUP = "the Local Group's motion"
+WITH_LOCAL_GROUP = "the Local Group's motion"
 
 
-def notes_on_group(
+def make_notes_on_local_group(
     equations: ParallaxEquations | ParallaxParts, local_group: Vector | bool | None, frame: str | None
 ) -> list[CodedNote]:
     """Return a note on the flow where we are: which was assumed, or that none was where there should be one.
@@ -219,11 +240,11 @@ def notes_on_group(
         return [CodedNote(f"{text}: use the Local Group's motion, local_group=True (--flows yes)", "")] * is_missing
     velocity = LOCAL_GROUP if local_group is True else local_group
     text = f"the galaxies nearby move as the Local Group, {velocity.amplitude:.0f} km/s in the microwave background"
-    return [CodedNote(f"{text}, and we with them; without that: --flows alone (local_group=False)", WITH_GROUP)]
+    return [CodedNote(f"{text}, and we with them; without that: --flows alone (local_group=False)", WITH_LOCAL_GROUP)]
 
 
-def _solve_for_hubble(equations, velocity, dispersion, hubble=None, **known):
-    """The Hubble constant from equations with V apart; the rest as for `_make_solver`."""
+def _solve_for_hubble(equations, velocity, dispersion, hubble=None, **fit_options):
+    """The Hubble constant from equations with V apart; the rest as for `_make_solver_and_dispersions`."""
     velocity = velocity_in_frame(velocity, equations.frame)
     if equations.n_own and 2 * equations.n_own >= equations.n_data:
         raise ParameterError(
@@ -231,35 +252,39 @@ def _solve_for_hubble(equations, velocity, dispersion, hubble=None, **known):
             "leave the distances out (--columns distance=), or fit v with observer_velocity (--h0)"
         )
     ratio = 1.0 if hubble is None else hubble / equations.hubble
-    solve, dispersions = _make_solver(equations, dispersion, ratio, **known)
+    solve_equations, dispersions = _make_solver_and_dispersions(equations, dispersion, ratio, **fit_options)
 
-    def solve_at(v):
+    def solve_at_velocity(v):
         to_u = np.zeros((12, 4))
         to_u[U, 0] = v / equations.hubble
         to_u[A, 1:] = np.eye(3)
-        return solve(to_u, ("H0", "a_x", "a_y", "a_z"), velocity=v)
+        return solve_equations(to_u, ("H0", "a_x", "a_y", "a_z"), velocity=v)
 
-    attributes = solve_at(velocity.value)
+    attributes = solve_at_velocity(velocity.value)
     if velocity.covariance.any():
         step = 1e-4 * velocity.amplitude
         v, steps = velocity.value, step * np.eye(3)
-        slopes = np.stack([solve_at(v + s)["values"] - solve_at(v - s)["values"] for s in steps], axis=1) / (2 * step)
+        slopes = np.stack(
+            [solve_at_velocity(v + s)["values"] - solve_at_velocity(v - s)["values"] for s in steps], axis=1
+        ) / (2 * step)
         attributes["covariance"] = attributes["covariance"] + slopes @ velocity.covariance @ slopes.T
     return HubbleSolution(**attributes, **dispersions, assumed_velocity=velocity)
 
 
-def local_group_of(value: Vector | bool | None, equations: ParallaxEquations | ParallaxParts) -> LocalGroup | None:
+def make_local_group_measurement(
+    local_group: Vector | bool | None, equations: ParallaxEquations | ParallaxParts
+) -> LocalGroup | None:
     """The Local Group's velocity as a measurement of the flow of some equations."""
-    if value is None or value is False:
+    if local_group is None or local_group is False:
         return None
     if equations.modes is None:
         raise ParameterError(
             "the Local Group tells the flow where we are: local_group= needs galaxies with a flow (z < 0.2, not "
             "flows=None)"
         )
-    if value is not True and not isinstance(value, Vector):
-        raise ParameterError(f"local_group is a Vector in km/s, or True, not {value!r}")
-    velocity = (LOCAL_GROUP if value is True else value).to_frame(equations.frame)
+    if local_group is not True and not isinstance(local_group, Vector):
+        raise ParameterError(f"local_group is a Vector in km/s, or True, not {local_group!r}")
+    velocity = (LOCAL_GROUP if local_group is True else local_group).to_frame(equations.frame)
     return LocalGroup(equations.modes, velocity.value, velocity.covariance + LOCAL_SCATTER**2 * np.eye(3))
 
 
@@ -291,16 +316,16 @@ def predict_errors(
     **options
         Other arguments of `fit.secular_parallax.observer_velocity` except `hubble`, such as flows="linear".
     """
-    motionless = Field.from_positions(sources, sigma)
-    motionless = motionless.minus(motionless.motion)
-    options = {"redshift_frame": motionless.redshift_frame or "true"} | options
+    motionless_field = Field.from_positions(sources, sigma)
+    motionless_field = motionless_field.minus(motionless_field.motion)
+    options = {"redshift_frame": motionless_field.redshift_frame or "true"} | options
     fit_options = {name: options[name] for name in ("spin", "acceleration", "excess_noise") if name in options}
     model = make_distance_model(None, {name: value for name, value in options.items() if name not in fit_options})
-    keywords: dict[str, Any] = fit_options | {"local_group": local_group, "preferred": False}
-    equations = model.equations(motionless, ratio=hubble / model.hubble, flow_left_out=left_out)
-    hubble_equations = model.equations(motionless, apart=True, flow_left_out=left_out)
-    velocity_solution = _solve_for_velocity(equations, hubble, model.dispersion, **keywords)
-    hubble_solution = _solve_for_hubble(hubble_equations, velocity, model.dispersion, hubble, **keywords)
+    solver_options: dict[str, Any] = fit_options | {"local_group": local_group, "preferred": False}
+    equations = model.equations(motionless_field, ratio=hubble / model.hubble, flow_left_out=left_out)
+    hubble_equations = model.equations(motionless_field, apart=True, flow_left_out=left_out)
+    velocity_solution = _solve_for_velocity(equations, hubble, model.dispersion, **solver_options)
+    hubble_solution = _solve_for_hubble(hubble_equations, velocity, model.dispersion, hubble, **solver_options)
     nan = float("nan")
     return (
         replace(velocity_solution, values=np.full(len(velocity_solution.names), nan), chi2=nan),
@@ -344,15 +369,15 @@ class VelocityForecast(Result):
 
     def to_table(self) -> Table:
         """A row for each catalogue and limit, as an astropy Table."""
-        pairs = [(i, j) for i in range(len(self.catalogues)) for j in range(len(self.limits))]
+        index_pairs = [(i, j) for i in range(len(self.catalogues)) for j in range(len(self.limits))]
         columns: dict[str, Any] = {
-            "catalogue": [self.catalogues[i] for i, _ in pairs],
-            "z_limit": [self.limits[j] for _, j in pairs],
-            "sources": [int(self.sources[i, j]) for i, j in pairs],
+            "catalogue": [self.catalogues[i] for i, _ in index_pairs],
+            "z_limit": [self.limits[j] for _, j in index_pairs],
+            "sources": [int(self.sources[i, j]) for i, j in index_pairs],
         }
         for k, name in enumerate(self.known):
-            columns[f"velocity, {name}"] = [float(self.velocity[i, j, k]) for i, j in pairs]
-            columns[f"H0, {name}"] = [float(self.hubble[i, j, k]) for i, j in pairs]
+            columns[f"velocity, {name}"] = [float(self.velocity[i, j, k]) for i, j in index_pairs]
+            columns[f"H0, {name}"] = [float(self.hubble[i, j, k]) for i, j in index_pairs]
         return tables.table_of(columns)
 
     def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
@@ -363,20 +388,20 @@ class VelocityForecast(Result):
 
 
 #: What may be known besides the galaxies' motions: options of `predict`, and the columns of a forecast.
-_FLOWS: dict[str, Any] = {"flows": "linear"}
+_LINEAR_FLOWS: dict[str, Any] = {"flows": "linear"}
 
 
-def _make_glide_options(error):
-    return {"acceleration": Vector(np.zeros(3), error**2 * np.eye(3))}
+def _make_glide_options(glide_error):
+    return {"acceleration": Vector(np.zeros(3), glide_error**2 * np.eye(3))}
 
 
-KNOWN: dict[str, dict[str, Any]] = {
+KNOWN_ASSUMPTIONS: dict[str, dict[str, Any]] = {
     "independent": {"peculiar_dispersion": 306.0, "flows": None},
-    "flows": _FLOWS,
-    "+ glide 0.35": _FLOWS | _make_glide_options(0.35),
-    "+ glide 0.1": _FLOWS | _make_glide_options(0.1),
-    "+ Local Group": _FLOWS | {"local_group": True},
-    "+ both": _FLOWS | _make_glide_options(0.1) | {"local_group": True},
+    "flows": _LINEAR_FLOWS,
+    "+ glide 0.35": _LINEAR_FLOWS | _make_glide_options(0.35),
+    "+ glide 0.1": _LINEAR_FLOWS | _make_glide_options(0.1),
+    "+ Local Group": _LINEAR_FLOWS | {"local_group": True},
+    "+ both": _LINEAR_FLOWS | _make_glide_options(0.1) | {"local_group": True},
 }
 
 
@@ -423,19 +448,21 @@ def forecast_velocity(
         for limit in limits:
             selection = field[np.asarray(field.redshift) < limit]
             sources.append(len(selection))
-            for options in KNOWN.values():
-                keywords = (
-                    {"redshift_frame": redshift_frame} | options | ({"n_modes": n_modes} if options["flows"] else {})
+            for assumption in KNOWN_ASSUMPTIONS.values():
+                prediction_options = (
+                    {"redshift_frame": redshift_frame}
+                    | assumption
+                    | ({"n_modes": n_modes} if assumption["flows"] else {})
                 )
-                velocity_solution, hubble_solution = predict_errors(selection, hubble, **keywords)
+                velocity_solution, hubble_solution = predict_errors(selection, hubble, **prediction_options)
                 velocity_errors.append(np.sqrt(np.trace(velocity_solution.velocity.covariance) / 3))
                 hubble_errors.append(hubble_solution.hubble_error)
     shape = len(catalogues), len(limits)
     return VelocityForecast(
         catalogues=tuple(catalogues),
         limits=tuple(map(float, limits)),
-        known=tuple(KNOWN),
+        known=tuple(KNOWN_ASSUMPTIONS),
         sources=np.reshape(sources, shape),
-        velocity=np.reshape(velocity_errors, (*shape, len(KNOWN))),
-        hubble=np.reshape(hubble_errors, (*shape, len(KNOWN))),
+        velocity=np.reshape(velocity_errors, (*shape, len(KNOWN_ASSUMPTIONS))),
+        hubble=np.reshape(hubble_errors, (*shape, len(KNOWN_ASSUMPTIONS))),
     )

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from fit.distances import WHOLE_DISPERSION, Calibration, calibrate
-from fit.secular_parallax._equations import OmittedFlow, ParallaxEquations, ParallaxParts, equations
+from fit.secular_parallax._equations import OmittedFlow, ParallaxEquations, ParallaxParts, make_parallax_equations
 from vsh.field import Field
 from vsh.io.parts import Parts, apply_step
 from vsh.models.cosmology import FLAT_PLANCK13, hubble_value, select_certain_redshifts, transverse_distance
@@ -21,7 +21,7 @@ from vsh.tools.types import Cosmology, FloatArray
 #: Dispersion of peculiar velocities in each component beyond the flows of linear theory. [km/s]
 LEFT_DISPERSION = 150.0
 #: So many tell the size of a flow that is left out to a few per cent.
-_MODES_LEFT_OUT = 100
+_N_OMITTED_MODES = 100
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,18 +145,25 @@ class DistanceModel(InNotebook):
         """
         field, theory = apply_step(field, select_certain_redshifts), self.flow
         if theory is not None and self.reconstruction is not None:  # what the reconstruction lacks
-            theory = _scale_theory(theory, float(self.reconstruction_error))
-        calibration = self._calibrate(field, theory)
+            theory = _scale_growth_rate(theory, float(self.reconstruction_error))
+        calibration = self._calibrate_distances(field, theory)
         limits = calibration.flow_limits
-        modes = None if theory is None else modes_within(limits, calibration.cosmology, theory, self.n_modes)
-        keywords: dict[str, Any] = {"ratio": ratio, "apart": apart, "threads": threads}
-        rows = equations(field, calibration, theory=theory, modes=modes, reconstruction=self.reconstruction, **keywords)
+        modes = None if theory is None else make_flow_modes_within(limits, calibration.cosmology, theory, self.n_modes)
+        equation_options: dict[str, Any] = {"ratio": ratio, "apart": apart, "threads": threads}
+        equations = make_parallax_equations(
+            field, calibration, theory=theory, modes=modes, reconstruction=self.reconstruction, **equation_options
+        )
         if theory is None and flow_left_out:
-            extra = modes_within(limits, calibration.cosmology, LINEAR_PLANCK18, _MODES_LEFT_OUT)
-            rows = replace(rows, left_out=None if extra is None else OmittedFlow(field, calibration, extra, keywords))
-        return rows
+            omitted_modes = make_flow_modes_within(limits, calibration.cosmology, LINEAR_PLANCK18, _N_OMITTED_MODES)
+            equations = replace(
+                equations,
+                left_out=None
+                if omitted_modes is None
+                else OmittedFlow(field, calibration, omitted_modes, equation_options),
+            )
+        return equations
 
-    def _calibrate(self, field, theory) -> Calibration:
+    def _calibrate_distances(self, field, theory) -> Calibration:
         radial_dispersion = self.dispersion if theory is None else float(np.hypot(self.dispersion, theory.sigma))
         return calibrate(
             field,
@@ -185,16 +192,16 @@ def make_distance_model(model: DistanceModel | None, options: Mapping[str, Any])
 
 
 @lru_cache(maxsize=8)
-def _scale_theory(theory, error):
-    return replace(theory, growth_rate=theory.growth_rate * error, name=f"{theory.name}, {error:g} of it")
+def _scale_growth_rate(theory, factor):
+    return replace(theory, growth_rate=theory.growth_rate * factor, name=f"{theory.name}, {factor:g} of it")
 
 
-def modes_within(
+def make_flow_modes_within(
     redshifts: tuple[float, float], cosmology: Cosmology, theory: LinearTheory, n_modes: int
 ) -> FlowModes | None:
     """The modes of a flow over the distances between two redshifts; None where all of them lie beyond its reach."""
-    lower, upper = transverse_distance(np.array(redshifts), cosmology) * hubble_value(cosmology) / 100
-    if lower > 0.9 * FARTHEST:
+    nearest, farthest = transverse_distance(np.array(redshifts), cosmology) * hubble_value(cosmology) / 100
+    if nearest > 0.9 * FARTHEST:
         return None
     # Distances given the redshift may lie beyond that of the redshift itself.
-    return flow_modes(0.5 * lower, 1.2 * upper, n_modes, theory)
+    return flow_modes(0.5 * nearest, 1.2 * farthest, n_modes, theory)

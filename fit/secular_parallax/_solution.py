@@ -19,11 +19,11 @@ from fit.secular_parallax._equations import (
     Flow,
     ParallaxEquations,
     V,
+    add_acceleration_prior,
     add_flow_prior,
+    add_vector_prior,
     marginalise_flow,
-    with_acceleration,
-    with_prior,
-    without_known,
+    subtract_known_motions,
 )
 from vsh import Coefficients
 from vsh.field import Field
@@ -38,43 +38,50 @@ from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
 from vsh.vector import Vector
 
 #: A velocity of ours above this, ten times that of the Sun, is doubted. [km/s]
-_FASTEST = 3000.0
+_FASTEST_PLAUSIBLE = 3000.0
 
 
-def doubt_speed(velocity: Vector) -> str:
+def describe_implausible_speed(velocity: Vector) -> str:
     """Ask for the units where a velocity is seen that is beyond any of ours; else nothing."""
-    if not (is_seen(velocity) and velocity.amplitude > _FASTEST):
+    if not (is_seen(velocity) and velocity.amplitude > _FASTEST_PLAUSIBLE):
         return ""
-    size = "faster than light" if velocity.amplitude > SPEED_OF_LIGHT else f"above {_FASTEST:g} km/s"
-    return f"{size}: are redshifts, H0 and motions in the unit that was taken?"
+    speed_text = "faster than light" if velocity.amplitude > SPEED_OF_LIGHT else f"above {_FASTEST_PLAUSIBLE:g} km/s"
+    return f"{speed_text}: are redshifts, H0 and motions in the unit that was taken?"
 
 
-def _make_vector_table(solution, truth, long):
+def _make_vectors_table(solution, truth, long):
     """Velocity and acceleration by component, with the truth of a simulation, as a table of text."""
     rows = []
     if hasattr(solution, "velocity"):
         v = solution.velocity
         rows.append(("velocity [km/s]", *format_components(v), format_amplitude(v)))
         if "velocity" in truth:
-            true = truth["velocity"].to_frame(solution.frame)
-            expectation = replace(true, value=true.value * truth["hubble"] / solution.assumed_hubble)
+            true_velocity = truth["velocity"].to_frame(solution.frame)
+            expected_velocity = replace(
+                true_velocity, value=true_velocity.value * truth["hubble"] / solution.assumed_hubble
+            )
             is_other = truth["hubble"] != solution.assumed_hubble
-            rows.append(_make_true_row(v, expectation, "+.1f", f"(simulated with H0 = {truth['hubble']:g})" * is_other))
+            rows.append(
+                _make_truth_row(v, expected_velocity, "+.1f", f"(simulated with H0 = {truth['hubble']:g})" * is_other)
+            )
         if long:
             rows.append(("  galactic axes", *format_components(v.to_frame("galactic")), ""))
     a = solution.acceleration
     rows.append(("acceleration [µas/yr]", *format_components(a), format_amplitude(a)))
     if "acceleration" in truth:
-        rows.append(_make_true_row(a, truth["acceleration"].to_frame(solution.frame), "+.3f"))
+        rows.append(_make_truth_row(a, truth["acceleration"].to_frame(solution.frame), "+.3f"))
     return tables.table_of_rows(("vector", "x", "y", "z", "amplitude"), rows)
 
 
-def _make_true_row(vector, true, form, remark=""):
-    cells = (f"{x:{form}} ({pull:+.1f}σ)" for x, pull in zip(true.value, pulls(vector, true), strict=True))
+def _make_truth_row(vector, true_vector, number_format, remark=""):
+    cells = (
+        f"{component:{number_format}} ({pull:+.1f}σ)"
+        for component, pull in zip(true_vector.value, pulls(vector, true_vector), strict=True)
+    )
     return ("  truth", *cells, remark)
 
 
-def _judge_dispersion(solution):
+def _judge_assumed_dispersion(solution):
     """Return whether the residuals contradict the dispersion, with words."""
     preference = solution.preferred
     if preference is None:
@@ -86,25 +93,25 @@ def _judge_dispersion(solution):
     preferred_range = f"prefer {preference.low:.0f} to {preference.high:.0f} km/s (68 %)"
     if preference.gain < 4.5:  # ln L of three standard deviations
         return False, preferred_range
-    remedy = "peculiar_dispersion= (--dispersion) takes another, and fit.posterior.sample has it free"
-    return True, f"the residuals {preferred_range}: results are biased where the dispersion is wrong, {remedy}"
+    remedy_text = "peculiar_dispersion= (--dispersion) takes another, and fit.posterior.sample has it free"
+    return True, f"the residuals {preferred_range}: results are biased where the dispersion is wrong, {remedy_text}"
 
 
-def _note_omitted_flow(solution):
+def _describe_omitted_flow(solution):
     """The size of flows that errors leave out."""
     if solution.flow_covariance is None:
         return []
     flow_errors = np.sqrt(np.diag(solution.flow_covariance))
-    phrase = (
+    first_error_text = (
         f"{flow_errors[0]:.0f} km/s/Mpc in H0"
         if solution.names[0] == "H0"
         else f"{np.sqrt(np.mean(flow_errors[:3] ** 2)):.0f} km/s in each component"
     )
     start = solution.names.index("a_x")
-    glide = np.sqrt(np.mean(flow_errors[start : start + 3] ** 2))
+    glide_error = np.sqrt(np.mean(flow_errors[start : start + 3] ** 2))
     return [
-        f"warning: not in the errors above: flows of linear theory, which galaxies share, add ± {phrase} and ± "
-        f"{glide:.2g} µas/yr in each component of the acceleration; without --flows no they are fitted"
+        f"warning: not in the errors above: flows of linear theory, which galaxies share, add ± {first_error_text} and "
+        f"± {glide_error:.2g} µas/yr in each component of the acceleration; without --flows no they are fitted"
     ]
 
 
@@ -115,62 +122,62 @@ def _describe_flow_share(solution):
     if solution.flow is None:
         return "errors without coherent flows"
     modes = solution.flow.modes
-    share = f"{100 * solution.cosmic_share:.0f} % of the error's variance is due to coherent flows"
-    return f"{share} ({len(modes)} modes of {modes.theory.name})"
+    share_text = f"{100 * solution.cosmic_share:.0f} % of the error's variance is due to coherent flows"
+    return f"{share_text} ({len(modes)} modes of {modes.theory.name})"
 
 
 def _list_velocity_facts(solution, quality, long):
     v, galactic = solution.velocity, solution.velocity.to_frame("galactic")
-    apex = "toward the apex (galaxies move toward the antapex)"
-    facts = [("velocity", f"for H0 = {solution.assumed_hubble:g} km/s/Mpc, {apex}")]
+    direction_text = "toward the apex (galaxies move toward the antapex)"
+    facts = [("velocity", f"for H0 = {solution.assumed_hubble:g} km/s/Mpc, {direction_text}")]
     if is_seen(v) or long:
         remark = f"; noise-debiased |v| {v.debiased_amplitude:.1f}" if is_seen(v) and long else ""
         facts.append(("apex", f"{format_direction(galactic)}{remark}"))
     if long:
         chi2_of_planck = solution.against(CMB_VELOCITY_PLANCK18)[0]
         chi2_of_zero = float(v.value @ np.linalg.solve(v.covariance, v.value))
-        facts.append(("test of zero velocity", _format_chi2(chi2_of_zero, 3, quality)))
+        facts.append(("test of zero velocity", _format_chi2_and_p_value(chi2_of_zero, 3, quality)))
         prefix = f"{CMB_VELOCITY_PLANCK18.amplitude:.1f} km/s relative to the microwave background: "
-        facts.append(("test of Planck's velocity", prefix + _format_chi2(chi2_of_planck, 3, quality)))
+        facts.append(("test of Planck's velocity", prefix + _format_chi2_and_p_value(chi2_of_planck, 3, quality)))
     return facts
 
 
-def _format_chi2(chi2, dof, quality):
+def _format_chi2_and_p_value(chi2, dof, quality):
     """A χ² with its p-value as quoted, and with errors scaled where χ²/dof asks for it."""
-    line = f"χ² = {chi2:.2f} for {dof}, p-value {p_value(chdtrc(dof, chi2))}"
+    chi2_text = f"χ² = {chi2:.2f} for {dof}, p-value {p_value(chdtrc(dof, chi2))}"
     if quality.factor > 1:
-        line += f"; with scaled errors {p_value(chdtrc(dof, chi2 / quality.factor**2))}"
-    return line
+        chi2_text += f"; with scaled errors {p_value(chdtrc(dof, chi2 / quality.factor**2))}"
+    return chi2_text
 
 
-def _describe_limits(lower_limit, upper_limit):
+def _describe_hubble_limits(lower_limit, upper_limit):
     lower = f"above {lower_limit:.1f} with 95 % (one-sided)" if lower_limit > 0 else "without a limit from below"
     return f"below {upper_limit:.1f} km/s/Mpc with 95 %, {lower}"
 
 
 def _list_hubble_facts(solution, quality, truth):
     v = solution.assumed_velocity.to_frame("galactic")
-    pull = solution.hubble / solution.hubble_error
+    hubble_in_errors = solution.hubble / solution.hubble_error
     facts = [("velocity", f"{v.amplitude:.2f} km/s {format_direction(v)}, assumed")]
-    if pull < 3:  # the error is no longer a ±
+    if hubble_in_errors < 3:  # the error is no longer a ±
         product, error = (v.amplitude * value for value in (solution.hubble, solution.hubble_error))
-        size = f"{product:.0f}, standard error {error:.0f} (km/s)²/Mpc: {pull:.1f} of them from zero"
-        facts.append(("v · H0", size))
-        facts.append(("H0", f"{_describe_limits(*solution.hubble_limits)}; least squares {solution.hubble:.1f}"))
+        value_text = f"{product:.0f}, standard error {error:.0f} (km/s)²/Mpc: {hubble_in_errors:.1f} of them from zero"
+        facts.append(("v · H0", value_text))
+        facts.append(("H0", f"{_describe_hubble_limits(*solution.hubble_limits)}; least squares {solution.hubble:.1f}"))
     else:
-        remark = f"; {pull / quality.factor:.1f} with scaled errors" if quality.factor > 1 else ""
-        size = f"{format_with_error(solution.hubble, solution.hubble_error)} km/s/Mpc"
-        facts.append(("H0", f"{size}, {pull:.1f} standard errors from zero{remark}"))
+        remark = f"; {hubble_in_errors / quality.factor:.1f} with scaled errors" if quality.factor > 1 else ""
+        value_text = f"{format_with_error(solution.hubble, solution.hubble_error)} km/s/Mpc"
+        facts.append(("H0", f"{value_text}, {hubble_in_errors:.1f} standard errors from zero{remark}"))
     if truth and "velocity" in truth:
-        true = truth["hubble"]
-        comparison = f"{true:.2f} ({(solution.hubble - true) / solution.hubble_error:+.1f}σ)"
-        facts.append(("truth", comparison if truth["velocity"].amplitude else "no velocity was simulated"))
+        true_hubble = truth["hubble"]
+        truth_text = f"{true_hubble:.2f} ({(solution.hubble - true_hubble) / solution.hubble_error:+.1f}σ)"
+        facts.append(("truth", truth_text if truth["velocity"].amplitude else "no velocity was simulated"))
     return facts
 
 
 #: Dispersions that are tried. [km/s]
-GRID = np.array([0.0, 40.0, 80.0, 120.0, 160.0, 210.0, 270.0, 350.0, 450.0, 600.0, 800.0, 1050.0, 1400.0])
-_MOST_SOURCES = 4000
+DISPERSION_GRID = np.array([0.0, 40.0, 80.0, 120.0, 160.0, 210.0, 270.0, 350.0, 450.0, 600.0, 800.0, 1050.0, 1400.0])
+_MOST_SENSITIVE_SOURCES = 4000
 
 
 @dataclass(frozen=True)
@@ -186,7 +193,7 @@ class PreferredDispersion:
     def constrained(self) -> bool:
         """Return whether residuals constrain it: 68 % of the likelihood within a third of what was tried, not at its
         end."""
-        return self.high - self.low < GRID[-1] / 3 and self.high < 0.95 * GRID[-1]
+        return self.high - self.low < DISPERSION_GRID[-1] / 3 and self.high < 0.95 * DISPERSION_GRID[-1]
 
 
 def find_preferred_dispersion(
@@ -197,37 +204,46 @@ def find_preferred_dispersion(
     ratio: float,
     spin: Literal["free"] | Vector | None = None,
 ) -> PreferredDispersion:
-    """The likelihood of the dispersion beside the flow and the spin; `taken` is that of the estimate. [km/s]"""
-    few = equations.most_sensitive(_MOST_SOURCES)
-    sums = with_acceleration(few.sums(GRID * ratio, excess_noise, ratio=ratio), acceleration, equations.frame)
+    """Find the dispersion that residuals prefer; `assumed_dispersion` is that of the estimate. [km/s]"""
+    sensitive_equations = equations.select_most_sensitive(_MOST_SENSITIVE_SOURCES)
+    sums = add_acceleration_prior(
+        sensitive_equations.sums(DISPERSION_GRID * ratio, excess_noise, ratio=ratio), acceleration, equations.frame
+    )
     if equations.modes is not None:
         sums, _ = marginalise_flow(
-            add_flow_prior(sums, few.design.shape[1], np.full(len(GRID), ratio)), few.design.shape[1]
+            add_flow_prior(sums, sensitive_equations.design.shape[1], np.full(len(DISPERSION_GRID), ratio)),
+            sensitive_equations.design.shape[1],
         )
-    is_free = spin is not None
+    is_spin_free = spin is not None
     if isinstance(spin, Vector):
-        known = spin.to_frame(equations.frame)
-        is_free = bool(np.linalg.det(known.covariance) > 0)
-        sums = with_prior(sums, known, OMEGA) if is_free else without_known(sums, known.value, OMEGA)
-    parameters = slice(0, OMEGA.stop if is_free else OMEGA.start)
+        known_spin = spin.to_frame(equations.frame)
+        is_spin_free = bool(np.linalg.det(known_spin.covariance) > 0)
+        sums = (
+            add_vector_prior(sums, known_spin, OMEGA)
+            if is_spin_free
+            else subtract_known_motions(sums, known_spin.value, OMEGA)
+        )
+    parameters = slice(0, OMEGA.stop if is_spin_free else OMEGA.start)
     columns = np.r_[parameters, V] if sums.matrix[:, V].any() else np.r_[parameters]
     matrix, rhs = sums.matrix[:, columns[:, None], columns], sums.rhs[:, columns]
     matrix = matrix + 1e-12 * np.trace(matrix, axis1=1, axis2=2)[:, None, None] * np.eye(matrix.shape[1])
     chi2 = sums.chi2_null - np.einsum("gi,gi->g", rhs, np.linalg.solve(matrix, rhs[..., None])[..., 0])
     log_likelihood = -(chi2 + sums.logdet + np.linalg.slogdet(matrix)[1]) / 2
-    return _summarise_likelihood(log_likelihood, assumed_dispersion)
+    return _summarise_dispersion_likelihood(log_likelihood, assumed_dispersion)
 
 
-def _summarise_likelihood(log_likelihood: FloatArray, dispersion: float) -> PreferredDispersion:
+def _summarise_dispersion_likelihood(log_likelihood: FloatArray, assumed_dispersion: float) -> PreferredDispersion:
     """Summarise ln L on the grid."""
-    curve = CubicSpline(GRID, log_likelihood)
-    dispersions = np.linspace(0, GRID[-1], 1401)
-    log_likelihoods = curve(dispersions)
-    best = int(np.argmax(log_likelihoods))
-    cumulative = np.cumsum(np.exp(log_likelihoods - log_likelihoods[best]))
-    lower, upper = np.interp([0.15865525, 0.84134475], cumulative / cumulative[-1], dispersions)
-    gain = log_likelihoods[best] - float(curve(min(dispersion, GRID[-1])))
-    return PreferredDispersion(float(dispersions[best]), float(lower), float(upper), float(max(gain, 0.0)))
+    log_likelihood_curve = CubicSpline(DISPERSION_GRID, log_likelihood)
+    dispersions = np.linspace(0, DISPERSION_GRID[-1], 1401)
+    fine_log_likelihoods = log_likelihood_curve(dispersions)
+    best_index = int(np.argmax(fine_log_likelihoods))
+    cumulative = np.cumsum(np.exp(fine_log_likelihoods - fine_log_likelihoods[best_index]))
+    lower_dispersion, upper_dispersion = np.interp([0.15865525, 0.84134475], cumulative / cumulative[-1], dispersions)
+    gain = fine_log_likelihoods[best_index] - float(log_likelihood_curve(min(assumed_dispersion, DISPERSION_GRID[-1])))
+    return PreferredDispersion(
+        float(dispersions[best_index]), float(lower_dispersion), float(upper_dispersion), float(max(gain, 0.0))
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -271,13 +287,17 @@ class ParallaxSolution(NamedSolution):
         """Share of the variance of v, or of H0, that is due to flows; None where none were fitted."""
         if self.flow is None or self.noise_covariance is None:
             return None
-        size = 3 if self.names[0] == "v_x" else 1
-        return float(1 - np.trace(self.noise_covariance[:size, :size]) / np.trace(self.covariance[:size, :size]))
+        n_parameters = 3 if self.names[0] == "v_x" else 1
+        return float(
+            1
+            - np.trace(self.noise_covariance[:n_parameters, :n_parameters])
+            / np.trace(self.covariance[:n_parameters, :n_parameters])
+        )
 
     def to_table(self) -> Table:
         """Parameters with their errors, units and correlations as an astropy Table, a row each; tests in its meta."""
         table = super().to_table()
-        table.meta |= self._table_metadata() | {"n_sources": self.n_sources, "chi2": self.chi2, "dof": self.dof}
+        table.meta |= self._collect_table_metadata() | {"n_sources": self.n_sources, "chi2": self.chi2, "dof": self.dof}
         units = {"v": "km / s", "H0": "km / (s Mpc)"}
         table.add_column([units.get(name.partition("_")[0], "uas / yr") for name in self.names], 3, "unit")
         return table
@@ -304,35 +324,42 @@ class ParallaxSolution(NamedSolution):
         prefix = f"{printable(source)}: " if source else ""
         facts = [("sources", f"{prefix}{self.n_sources} sources, {self.frame} axes{fit_quality}")]
         facts.append(("flows", _describe_flow_share(self)))
-        is_warned, verdict = _judge_dispersion(self)
+        is_warned, verdict = _judge_assumed_dispersion(self)
         if long:
             suffix = ", with the flow" if self.flow is not None else ""
             text = f"{self.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the weights{suffix}"
             facts.append(("dispersion", text))
         if verdict and (long or is_warned):
             facts.append(("warning" if is_warned else "residuals", verdict))
-        correlations = {"parameter": list(self.names)} | dict(zip(self.names, self.correlation.T, strict=True))
+        correlation_columns = {"parameter": list(self.names)} | dict(zip(self.names, self.correlation.T, strict=True))
         forms = dict.fromkeys(self.names, "+.3f")
-        below = Section("Correlations", (), tables.table_of(correlations), forms=forms, notes=self.notes)
+        correlations_section = Section(
+            "Correlations", (), tables.table_of(correlation_columns), forms=forms, notes=self.notes
+        )
         if np.isnan(self.values).all():
             errors = tables.table_of({"parameter": list(self.names), "error": self.sigma})
-            return (Section(f"{quantity} from the secular parallax of galaxies: errors of a fit", facts, errors), below)
+            return (
+                Section(f"{quantity} from the secular parallax of galaxies: errors of a fit", facts, errors),
+                correlations_section,
+            )
         if long:
             facts.append(("χ²/dof", f"{self.chi2:.6g} / {self.dof}"))
         if quality.warning():
             remark = "; errors below are as quoted, p-values are given for both" if quality.factor > 1 else ""
             facts.append(("warning", f"{quality.warning()}{remark}"))
-        if is_velocity and (doubt := doubt_speed(result.velocity)):
+        if is_velocity and (doubt := describe_implausible_speed(result.velocity)):
             facts.append(("warning", doubt))
         facts += _list_velocity_facts(self, quality, long) if is_velocity else _list_hubble_facts(self, quality, truth)
         a = self.acceleration
         if is_seen(a) and (long or is_velocity):
             facts.append(("acceleration", format_direction(a.to_frame("galactic"))))
         title = f"{quantity} from the secular parallax of galaxies"
-        section = Section(title, facts, _make_vector_table(self, truth or {}, long), remarks=_note_omitted_flow(self))
-        return (section, below) if long else (replace(section, notes=self.notes),)
+        section = Section(
+            title, facts, _make_vectors_table(self, truth or {}, long), remarks=_describe_omitted_flow(self)
+        )
+        return (section, correlations_section) if long else (replace(section, notes=self.notes),)
 
-    def _table_metadata(self):
+    def _collect_table_metadata(self):
         """p-values and limits by name."""
         return {}
 
@@ -341,8 +368,10 @@ class ParallaxSolution(NamedSolution):
         p, q, _ = triad(field.lon, field.lat)
         rate = 1 / (AU_PER_YEAR * transverse_distance(field.redshift, None, hubble=hubble))
         spin = self.spin
-        vectors = Coefficients.from_vectors(np.zeros(3) if spin is None else spin.value, self.acceleration.value)
-        return vectors.at(field.lon, field.lat) - np.stack([velocity @ p, velocity @ q]) * rate
+        spin_and_acceleration = Coefficients.from_vectors(
+            np.zeros(3) if spin is None else spin.value, self.acceleration.value
+        )
+        return spin_and_acceleration.at(field.lon, field.lat) - np.stack([velocity @ p, velocity @ q]) * rate
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -361,7 +390,7 @@ class VelocitySolution(ParallaxSolution):
     @property
     def velocity(self) -> Vector:
         """v, a Vector in km/s, toward the apex."""
-        return self._vector("v", "km/s")
+        return self._make_vector("v", "km/s")
 
     @property
     def apex(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -369,7 +398,7 @@ class VelocitySolution(ParallaxSolution):
         galactic = self.velocity.to_frame("galactic")
         return galactic.direction, galactic.direction_error
 
-    def _table_metadata(self):
+    def _collect_table_metadata(self):
         return {
             "assumed_hubble": self.assumed_hubble,
             "p_value_zero": self.velocity.p_value,
@@ -419,7 +448,7 @@ class HubbleSolution(ParallaxSolution):
         upper = self.hubble - ndtri(0.05 * above_zero) * self.hubble_error
         return max(float(lower), 0.0), float(upper)
 
-    def _table_metadata(self):
+    def _collect_table_metadata(self):
         lower, upper = self.hubble_limits
         limits = {"hubble_above_95": lower} if lower > 0 else {}
         return {"assumed_velocity": self.assumed_velocity.amplitude, **limits, "hubble_below_95": upper}

@@ -17,13 +17,15 @@ def plot_search(search: Any, *, ax: OnAxes | None = None) -> AxesArray:
     p_text = format_simulated_p_value(search.p_value, search.n_skies)
     heading = f"largest 2F = {search.statistic.max():.1f}; p-value {p_text} with all directions looked at"
     subplots = panels(ax, 2, 1, size=(WIDTH, 5.2))
-    for panel, map_values, label, cmap, title in (
+    for panel_index, map_values, label, cmap, title in (
         (0, search.statistic, "2F of a wave that travels there", "viridis", heading),
         (1, search.limits, f"95 % limit on its amplitude  [{search.unit}]", "cividis", None),
     ):
-        subplots[panel] = plot_map(map_values, label, frame=search.frame, cmap=cmap, title=title, ax=subplots[panel])
+        subplots[panel_index] = plot_map(
+            map_values, label, frame=search.frame, cmap=cmap, title=title, ax=subplots[panel_index]
+        )
         draw_points(
-            subplots[panel],
+            subplots[panel_index],
             *np.radians(search.direction),
             marker="+",
             s=60,
@@ -49,8 +51,8 @@ def plot_spectrum(spectrum: Any, *, ax: Axes | None = None) -> Axes:
         axes.errorbar(frequencies, limits[:, 1], ends, fmt="none", color=COLOURS[0], capsize=3, label=label)
         axes.set(xticks=frequencies)
         axes.margins(x=0.5)
-    style = "o" if not is_dense else "o-" if len(frequencies) < 60 else "-"
-    axes.plot(frequencies, limits[:, 1], style, ms=3, color=COLOURS[0], label="median direction")
+    line_style = "o" if not is_dense else "o-" if len(frequencies) < 60 else "-"
+    axes.plot(frequencies, limits[:, 1], line_style, ms=3, color=COLOURS[0], label="median direction")
     axes.set(yscale="log", xlabel="frequency  [1/yr]", ylabel="95 % limit on the strain  [10⁻⁹]")
     axes.margins(y=0.1)
     set_log_ticks(axes.yaxis, *axes.get_ylim())

@@ -60,47 +60,49 @@ class WhitenedData(Frozen):
 
 
 @lru_cache(maxsize=4)
-def compute_templates(lmax: int, nside: int) -> FloatArray:
+def compute_wave_templates(lmax: int, nside: int) -> FloatArray:
     """Compute the coefficients of both polarisations for every pixel, (2, p, 12 nside²)."""
     templates = wave_templates(triad(*centres(nside))[2], lmax)
     templates.flags.writeable = False
     return templates
 
 
-def search_directions(
-    white: WhitenedData, modes: Modes, nside: int, copies: int = 1
+def fit_wave_by_direction(
+    whitened: WhitenedData, modes: Modes, nside: int, n_phases: int = 1
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute 2F, best amplitudes (2 copies, n) and their covariance (n, 2 copies, 2 copies) for every direction."""
-    basis, inverse = _compute_whitened_templates(white, modes, nside, copies)
-    projections = np.tensordot(white.values, basis, axes=(0, 1))
-    amplitudes = np.einsum("nij,jn->in", inverse, projections)
-    return np.sum(projections * amplitudes, axis=0), amplitudes, inverse
+    """Compute 2F, best amplitudes (k, n) and their covariance (n, k, k) for every direction; k is twice `n_phases`."""
+    whitened_templates, covariance = _compute_templates_and_covariance(whitened, modes, nside, n_phases)
+    projections = np.tensordot(whitened.values, whitened_templates, axes=(0, 1))
+    amplitudes = np.einsum("nij,jn->in", covariance, projections)
+    return np.sum(projections * amplitudes, axis=0), amplitudes, covariance
 
 
-def _compute_whitened_templates(white, modes, nside, copies):
-    """Compute whitened templates (2 copies, q, n) and the inverse of their products (n, 2 copies, 2 copies)."""
-    templates_of_one = compute_templates(modes.lmax, nside)
-    p = len(modes)
-    template_blocks = np.zeros((2 * copies, copies * p, templates_of_one.shape[2]))
-    for copy in range(copies):
-        template_blocks[2 * copy : 2 * copy + 2, copy * p : (copy + 1) * p] = templates_of_one
-    basis = np.tensordot(white.root, template_blocks[:, white.kept], axes=(1, 1)).transpose(1, 0, 2)
-    return basis, np.linalg.inv(np.einsum("iqn,jqn->nij", basis, basis))
+def _compute_templates_and_covariance(whitened, modes, nside, n_phases):
+    """Compute whitened templates (k, q, n) and the covariance of their amplitudes (n, k, k); k is twice `n_phases`."""
+    phase_templates = compute_wave_templates(modes.lmax, nside)
+    n_modes = len(modes)
+    template_blocks = np.zeros((2 * n_phases, n_phases * n_modes, phase_templates.shape[2]))
+    for phase in range(n_phases):
+        template_blocks[2 * phase : 2 * phase + 2, phase * n_modes : (phase + 1) * n_modes] = phase_templates
+    whitened_templates = np.tensordot(whitened.root, template_blocks[:, whitened.kept], axes=(1, 1)).transpose(1, 0, 2)
+    return whitened_templates, np.linalg.inv(np.einsum("iqn,jqn->nij", whitened_templates, whitened_templates))
 
 
-def compute_simulated_p_value(maxima: FloatArray, largest: float) -> float:
-    """Compute (1 + number of skies that reach `largest`)/(1 + number of skies)."""
-    return (1 + int(np.sum(maxima >= largest))) / (1 + len(maxima))
+def compute_simulated_p_value(noise_maxima: FloatArray, observed_maximum: float) -> float:
+    """Compute (1 + number of skies that reach `observed_maximum`)/(1 + number of skies)."""
+    return (1 + int(np.sum(noise_maxima >= observed_maximum))) / (1 + len(noise_maxima))
 
 
-def draw_maxima(white: WhitenedData, modes: Modes, nside: int, n_skies: int, rng: Rng, copies: int = 1) -> FloatArray:
+def draw_noise_maxima(
+    whitened: WhitenedData, modes: Modes, nside: int, n_skies: int, rng: Rng, n_phases: int = 1
+) -> FloatArray:
     """Compute the largest 2F of each of `n_skies` simulated skies of noise."""
-    basis, inverse = _compute_whitened_templates(white, modes, nside, copies)
-    root = np.linalg.cholesky(inverse)
-    unit_basis = np.einsum("nij,iqn->jnq", root, basis)  # 2F sums the squares of their products with noise
+    whitened_templates, covariance = _compute_templates_and_covariance(whitened, modes, nside, n_phases)
+    root = np.linalg.cholesky(covariance)
+    unit_basis = np.einsum("nij,iqn->jnq", root, whitened_templates)  # 2F sums the squares of their products with noise
     rng, maxima = generator(rng), []
     for start in range(0, n_skies, 100):
-        noise = rng.standard_normal((len(white.values), min(100, n_skies - start)))
+        noise = rng.standard_normal((len(whitened.values), min(100, n_skies - start)))
         maxima.append(sum((component @ noise) ** 2 for component in unit_basis).max(axis=0))
     return np.concatenate(maxima)
 
@@ -199,7 +201,7 @@ class WaveSearch(Result):
         ParameterError
             If no frequency is given, and none is known.
         """
-        return float(self._compute_strains(np.array(self.amplitude), frequency))
+        return float(self._convert_to_strains(np.array(self.amplitude), frequency))
 
     def strain_limits(self, frequency: float | None = None) -> FloatArray:
         """Compute the 95 % limit of the strain for each direction, (12 nside²,), at a `frequency` as for `strain`.
@@ -209,40 +211,45 @@ class WaveSearch(Result):
         ParameterError
             If no frequency is given, and none is known.
         """
-        return self._compute_strains(self.limits, frequency)
+        return self._convert_to_strains(self.limits, frequency)
 
-    def _compute_strains(self, values, frequency):
+    def _convert_to_strains(self, amplitudes, frequency):
         if self.unit == "µas":
-            return values * UAS
+            return amplitudes * UAS
         if frequency is None:
             raise ParameterError("only the rate of the strain is measured: give a frequency in nHz, strain(frequency)")
-        return compute_strain(values, frequency)
+        return compute_strain(amplitudes, frequency)
 
     def _sections(self, long):
         lon, lat = self.direction
         vector = Vector.from_spherical(1.0, lon, lat, frame=self.frame)
-        directions = []
+        direction_texts = []
         for frame in dict.fromkeys((self.frame, "galactic")):
             direction = vector.to_frame(frame).direction
-            directions.append(
+            direction_texts.append(
                 ", ".join(f"{name} = {value:.1f}°" for name, value in zip(ANGLES[frame], direction, strict=True))
             )
-        best = self.amplitudes[:, np.argmax(self.statistic)]
-        labels = ("plus", "cross") if len(best) == 2 else ("plus cos", "cross cos", "plus sin", "cross sin")
-        amplitudes_text = ", ".join(f"{label} {value:+.4g}" for label, value in zip(labels, best, strict=True))
-        lower, middle, upper = np.quantile(self.limits, [0, 0.5, 1])
-        strain = f"{compute_strain(middle, 1.0):.3g} (1 nHz/f)"
+        best_amplitudes = self.amplitudes[:, np.argmax(self.statistic)]
+        labels = ("plus", "cross") if len(best_amplitudes) == 2 else ("plus cos", "cross cos", "plus sin", "cross sin")
+        amplitudes_text = ", ".join(
+            f"{label} {value:+.4g}" for label, value in zip(labels, best_amplitudes, strict=True)
+        )
+        lower, median, upper = np.quantile(self.limits, [0, 0.5, 1])
+        strain_text = f"{compute_strain(median, 1.0):.3g} (1 nHz/f)"
         if self.unit == "µas":
-            strain = f"{float(self._compute_strains(np.array(middle), None)):.3g}"
-        of_all = f"{self.statistic.max():.2f} of {len(self.statistic)} directions"
+            strain_text = f"{float(self._convert_to_strains(np.array(median), None)):.3g}"
+        largest_text = f"{self.statistic.max():.2f} of {len(self.statistic)} directions"
         p_text = format_simulated_p_value(self.p_value, self.n_skies)
         period_text = f"at {self.frequency:.4g} per year" if self.frequency else "longer than the observations"
-        median_text = f"median {middle:.4g}, a strain of {strain}"
+        median_text = f"median {median:.4g}, a strain of {strain_text}"
         facts = [
             ("data", f"degrees {self.degrees[0]} to {self.degrees[-1]} of {self.n_data} numbers"),
-            ("largest 2F", f"{of_all}; noise alone gives χ² with {len(self.amplitudes)} degrees of freedom in each"),
+            (
+                "largest 2F",
+                f"{largest_text}; noise alone gives χ² with {len(self.amplitudes)} degrees of freedom in each",
+            ),
             ("p-value", f"{p_text} for as large a 2F anywhere from noise alone ({self.n_skies} simulated skies)"),
-            ("travels to", "; ".join(directions)),
+            ("travels to", "; ".join(direction_texts)),
             ("best wave", f"{amplitudes_text} {self.unit}"),
             ("95 % limits", f"{lower:.4g} … {upper:.4g} {self.unit} by direction, {median_text}"),
         ]
@@ -254,7 +261,9 @@ class WaveSearch(Result):
         columns = {"lon": np.degrees(lon) % 360, "lat": np.degrees(lat)}
         columns |= {"statistic": self.statistic, "limit": self.limits}
         columns |= {f"amplitude_{i}": amplitude for i, amplitude in enumerate(self.amplitudes)}
-        return tables.table_of(columns, self._plain_facts() | {"ORDERING": "RING"}, {"lon": "deg", "lat": "deg"})
+        return tables.table_of(
+            columns, self._collect_header_facts() | {"ORDERING": "RING"}, {"lon": "deg", "lat": "deg"}
+        )
 
     def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """Plot maps of 2F and of the limits on matplotlib axes."""
@@ -309,18 +318,18 @@ def search(
     search_degrees = tuple(sorted(set(degrees))) if degrees is not None else tuple(range(2, modes.lmax + 1))
     if not search_degrees or search_degrees[0] < 2 or search_degrees[-1] > modes.lmax:
         raise ModesError(f"waves need degrees from 2 on, up to the fitted {modes.lmax}, not {search_degrees or 'none'}")
-    white = WhitenedData.of(equations.matrix, equations.rhs, np.isin(modes.degrees, search_degrees))
+    whitened = WhitenedData.of(equations.matrix, equations.rhs, np.isin(modes.degrees, search_degrees))
     attributes = {"degrees": search_degrees, "frame": equations.frame or "icrs", "n_data": equations.n_data}
-    return _search_sky(white, modes, nside, n_skies, rng, notes=equations.notes, **attributes)[0]
+    return _search_sky_and_noise(whitened, modes, nside, n_skies, rng, notes=equations.notes, **attributes)[0]
 
 
-def _search_sky(white, modes, nside, n_skies, rng, copies=1, **attributes):
+def _search_sky_and_noise(whitened, modes, nside, n_skies, rng, n_phases=1, **attributes):
     """Search all directions; return the search, and the largest 2F of each sky of noise."""
-    statistic, amplitudes, covariance = search_directions(white, modes, nside, copies)
-    maxima = draw_maxima(white, modes, nside, n_skies, rng, copies)
-    attributes |= {"p_value": compute_simulated_p_value(maxima, statistic.max()), "n_skies": n_skies}
+    statistic, amplitudes, covariance = fit_wave_by_direction(whitened, modes, nside, n_phases)
+    noise_maxima = draw_noise_maxima(whitened, modes, nside, n_skies, rng, n_phases)
+    attributes |= {"p_value": compute_simulated_p_value(noise_maxima, statistic.max()), "n_skies": n_skies}
     limits = length_limits(amplitudes.T, covariance)
-    return WaveSearch(statistic=statistic, amplitudes=amplitudes, limits=limits, **attributes), maxima
+    return WaveSearch(statistic=statistic, amplitudes=amplitudes, limits=limits, **attributes), noise_maxima
 
 
 #: Notes of searches in time: for an attitude that is known, and for one that was solved from the same sky.
@@ -335,7 +344,7 @@ SOLVED_ATTITUDE = (
 )
 
 #: Number of frequencies that a short report lists.
-_LISTED = 8
+_N_LISTED_FREQUENCIES = 8
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -393,48 +402,52 @@ class WaveSpectrum(Result):
     @property
     def answer(self) -> Answer:
         """The lines to quote: whether a wave is detected, and how strong one can be."""
-        best = int(np.argmax(self.statistic))
+        best_index = int(np.argmax(self.statistic))
         p_text = format_simulated_p_value(self.p_value, self.n_skies)
         is_detected, is_above_all_skies = self.p_value < SEEN, _is_reached_by_no_sky(self.p_value, self.n_skies)
         verdict = "detected" if is_detected else "not decided" if is_above_all_skies else "not detected"
-        text = f"{verdict} in a search of {len(self.frequencies)} frequencies, p = {p_text} for all of them together"
+        verdict_text = (
+            f"{verdict} in a search of {len(self.frequencies)} frequencies, p = {p_text} for all of them together"
+        )
         if is_detected:
-            text += f"; the largest at {self.frequencies[best]:.4g} per year"
+            verdict_text += f"; the largest at {self.frequencies[best_index]:.4g} per year"
         elif is_above_all_skies:
-            text += f": more than on all {self.n_skies} simulated skies; {round(1 / SEEN)} are needed (--skies)"
+            verdict_text += f": more than on all {self.n_skies} simulated skies; {round(1 / SEEN)} are needed (--skies)"
         elif hint := hint_of(self.p_value):
-            text += f" ({hint})"
+            verdict_text += f" ({hint})"
         medians = self.strain_limits[:, 1]
         lower, upper = (f"{value:.2g}" for value in (medians.min(), medians.max()))
-        limits = f"< {lower} to {upper} (95 %, median of directions, by frequency)"
+        limits_text = f"< {lower} to {upper} (95 %, median of directions, by frequency)"
         if is_detected:
-            strain, frequency = self.amplitudes[best] * UAS, self.frequencies[best]
-            limits = f"{strain:.2g} at {frequency:.4g} per year, as fitted; where there is no wave {limits}"
-        return Answer((("wave", text), ("strain", limits)))
+            strain, frequency = self.amplitudes[best_index] * UAS, self.frequencies[best_index]
+            limits_text = f"{strain:.2g} at {frequency:.4g} per year, as fitted; where there is no wave {limits_text}"
+        return Answer((("wave", verdict_text), ("strain", limits_text)))
 
     def _sections(self, long):
-        best = int(np.argmax(self.statistic))
-        lon, lat = np.degrees(self.lon[best]) % 360, np.degrees(self.lat[best])
-        location = f"at {self.frequencies[best]:.4g} per year, towards α = {lon:.1f}°, δ = {lat:.1f}°"
+        best_index = int(np.argmax(self.statistic))
+        lon, lat = np.degrees(self.lon[best_index]) % 360, np.degrees(self.lat[best_index])
+        best_text = f"at {self.frequencies[best_index]:.4g} per year, towards α = {lon:.1f}°, δ = {lat:.1f}°"
         p_text = format_simulated_p_value(self.p_value, self.n_skies)
         facts = [
             ("data", f"degrees {self.degrees[0]} to {self.degrees[-1]} of {self.n_data} numbers"),
-            ("largest 2F", f"{self.statistic[best]:.2f} {location}"),
+            ("largest 2F", f"{self.statistic[best_index]:.2f} {best_text}"),
             ("p-value", f"{p_text} for all directions and frequencies together ({self.n_skies} simulated skies)"),
         ]
         table = self.to_table()
         table["strain"] = self.limits[:, 1] * UAS
-        best_rows = np.sort(np.argsort(self.p_values, kind="stable")[:_LISTED])
+        best_rows = np.sort(np.argsort(self.p_values, kind="stable")[:_N_LISTED_FREQUENCIES])
         rows = None if long else best_rows.tolist()
-        count = len(self.frequencies)
-        remarks = [f"The {_LISTED} of {count} frequencies with the smallest p-values."] * (not long and count > _LISTED)
+        n_frequencies = len(self.frequencies)
+        remarks = [f"The {_N_LISTED_FREQUENCIES} of {n_frequencies} frequencies with the smallest p-values."] * (
+            not long and n_frequencies > _N_LISTED_FREQUENCIES
+        )
         columns = ("frequency", "statistic", "p_value", "limit_median", "limit_low", "limit_high", "strain")
         forms = dict.fromkeys(columns[3:6], ".3g") | {"statistic": ".2f", "strain": ".2e"}
         remarks.append(
             "Limits are 95 % upper limits: median and extremes over directions [µas]. p-values are for one frequency "
             "alone."
         )
-        title = f"One gravitational wave at {count} frequencies"
+        title = f"One gravitational wave at {n_frequencies} frequencies"
         return (Section(title, facts, table, columns, rows, forms, remarks, self.notes),)
 
     def to_table(self) -> Table:
@@ -445,7 +458,9 @@ class WaveSpectrum(Result):
             f"limit_{name}": limit for name, limit in zip(("low", "median", "high"), self.limits.T, strict=True)
         }
         columns["lost"] = self.lost
-        return tables.table_of(columns, self._plain_facts(), {"lon": "deg", "lat": "deg", "frequency": "1 / yr"})
+        return tables.table_of(
+            columns, self._collect_header_facts(), {"lon": "deg", "lat": "deg", "frequency": "1 / yr"}
+        )
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """Plot limits on the strain against frequency on matplotlib axes."""
@@ -524,31 +539,31 @@ def search_in_time(
     if modes.lmax < 2:
         raise ParameterError("waves have degrees from 2 on: lmax must be at least 2")
     rng = arguments.generator(rng)
-    searches, noise_maxima_by_frequency, lost = [], [], []
+    searches, noise_maxima_by_frequency, n_lost_by_frequency = [], [], []
     for wave_frequency in frequencies:
         try:
             equations = normal_equations(observations, modes, waves(wave_frequency), attitude=attitude, threads=threads)
         except EmptyFieldError as error:
             raise DegeneracyError(str(error)) from None
-        result, maxima, n_lost = _search_frequency(equations, wave_frequency, nside, n_skies, rng)
-        searches.append(result)
-        noise_maxima_by_frequency.append(maxima)
-        lost.append(n_lost)
+        frequency_search, noise_maxima, n_lost = _search_frequency(equations, wave_frequency, nside, n_skies, rng)
+        searches.append(frequency_search)
+        noise_maxima_by_frequency.append(noise_maxima)
+        n_lost_by_frequency.append(n_lost)
     if not has_several:
         return searches[0]
-    best_directions = np.array([np.argmax(wave_search.statistic) for wave_search in searches])
+    best_pixels = np.array([np.argmax(wave_search.statistic) for wave_search in searches])
     largest_statistics = np.array([wave_search.statistic.max() for wave_search in searches])
     lon, lat = centres(nside)
     return WaveSpectrum(
         frequencies=np.array(frequencies),
         statistic=largest_statistics,
-        lon=lon[best_directions],
-        lat=lat[best_directions],
+        lon=lon[best_pixels],
+        lat=lat[best_pixels],
         amplitudes=np.array([wave_search.amplitude for wave_search in searches]),
         limits=np.array([np.quantile(wave_search.limits, [0, 0.5, 1]) for wave_search in searches]),
         p_values=np.array([wave_search.p_value for wave_search in searches]),
         p_value=compute_simulated_p_value(np.max(noise_maxima_by_frequency, axis=0), largest_statistics.max()),
-        lost=np.array(lost),
+        lost=np.array(n_lost_by_frequency),
         n_skies=n_skies,
         n_data=searches[0].n_data,
         degrees=searches[0].degrees,
@@ -559,7 +574,7 @@ def search_in_time(
 def _search_frequency(equations: TimeEquations, frequency, nside, n_skies, rng):
     """Search one frequency; return the search, the largest 2F of each sky of noise, and the number lost."""
     modes, is_unconstrained = equations.modes, equations.unconstrained_terms
-    unknowns, eigenvalues, directions, is_determined = equations.combinations()
+    unknowns, eigenvalues, eigenvectors, is_determined = equations.combinations()
     if eigenvalues[-1] <= 0 or is_determined.sum() < len(unknowns) / 2:
         raise DegeneracyError(
             f"these sources do not determine {len(unknowns)} coefficients: lower lmax, or take more of the sky"
@@ -567,17 +582,22 @@ def _search_frequency(equations: TimeEquations, frequency, nside, n_skies, rng):
     diagonal = np.diag(equations.matrix)
     # A rotation is indistinguishable from attitude: any prior will do.
     matrix = equations.matrix + np.diag(np.where(is_unconstrained, np.median(diagonal), 1e-9 * diagonal))
-    white = WhitenedData.of(matrix, equations.rhs, np.tile(modes.degrees >= 2, 2))
+    whitened = WhitenedData.of(matrix, equations.rhs, np.tile(modes.degrees >= 2, 2))
     notes = (*equations.notes, SOLVED_ATTITUDE if equations.attitude != "known" else KNOWN_ATTITUDE)
-    lost = np.flatnonzero(~is_determined)
-    if len(lost):
-        examples = "; ".join(equations.named(unknowns, directions[:, i], 2) for i in lost[:3])
+    lost_indices = np.flatnonzero(~is_determined)
+    if len(lost_indices):
+        examples = "; ".join(equations.named(unknowns, eigenvectors[:, i], 2) for i in lost_indices[:3])
         notes = (
             *notes,
-            f"at {frequency:.4g} per year {len(lost)} of {len(unknowns)} combinations are absorbed by the sources' own "
-            f"parallaxes, positions and motions: {examples}{'; …' if len(lost) > 3 else ''}",
+            f"at {frequency:.4g} per year {len(lost_indices)} of {len(unknowns)} combinations are absorbed by the "
+            f"sources' own parallaxes, positions and motions: {examples}{'; …' if len(lost_indices) > 3 else ''}",
         )
-    about = {"degrees": tuple(range(2, modes.lmax + 1)), "frame": "icrs", "n_data": equations.n_data, "unit": "µas"}
-    about |= {"frequency": float(frequency), "notes": notes}
-    wave_search, maxima = _search_sky(white, modes, nside, n_skies, rng, 2, **about)
-    return wave_search, maxima, len(lost)
+    attributes = {
+        "degrees": tuple(range(2, modes.lmax + 1)),
+        "frame": "icrs",
+        "n_data": equations.n_data,
+        "unit": "µas",
+    }
+    attributes |= {"frequency": float(frequency), "notes": notes}
+    wave_search, noise_maxima = _search_sky_and_noise(whitened, modes, nside, n_skies, rng, 2, **attributes)
+    return wave_search, noise_maxima, len(lost_indices)

@@ -22,11 +22,11 @@ def make_parser() -> argparse.ArgumentParser:
         ),
     )
     add = parsing.adder(parser)
-    add("--only NAME,…", "names of known surveys (default: all); may be repeated", _split_names, action="append")
+    add("--only NAME,…", "names of known surveys (default: all); may be repeated", _split_survey_names, action="append")
     add(
         "--survey NAME=N,SIGMA",
         "a survey of your own: number of quasars, and error of their motions in µas/yr; may be repeated",
-        _parse_survey,
+        _parse_survey_option,
         action="append",
     )
     add(
@@ -40,21 +40,21 @@ def make_parser() -> argparse.ArgumentParser:
     return parsing.add_common(parser)
 
 
-def _split_names(text):
+def _split_survey_names(text):
     return tuple(name.strip() for name in text.split(","))
 
 
-def _parse_survey(text):
-    name, _, numbers = text.partition("=")
+def _parse_survey_option(text):
+    name, _, numbers_text = text.partition("=")
     try:
-        n, sigma = parsing.numbers(numbers)
+        n_quasars, sigma = parsing.numbers(numbers_text)
     except (ValueError, argparse.ArgumentTypeError):
-        n, sigma = 0.5, 0.0
-    if not name.strip() or n < 1 or n != int(n) or not sigma > 0:
+        n_quasars, sigma = 0.5, 0.0
+    if not name.strip() or n_quasars < 1 or n_quasars != int(n_quasars) or not sigma > 0:
         raise argparse.ArgumentTypeError(
             f"expected NAME=N,SIGMA, with N a whole number and SIGMA an error in µas/yr, not {text!r}"
         )
-    return name.strip(), int(n), sigma
+    return name.strip(), int(n_quasars), sigma
 
 
 def _run(options):
@@ -67,8 +67,8 @@ def _run(options):
         if name not in surveys:
             raise VshError(f"no survey is called {name!r}; known surveys are {', '.join(surveys)}")
     surveys = {name: surveys[name] for name in selected_names or surveys}
-    for name, n, sigma in options.survey or ():
-        surveys[name] = Survey(n, sigma=sigma, says="as given")
+    for name, n_quasars, sigma in options.survey or ():
+        surveys[name] = Survey(n_quasars, sigma=sigma, says="as given")
     forecast = forecast_surveys(surveys, sky=options.sky, flows=not options.no_flows)
     run.finish(
         [finishing.Part("forecast", forecast, "Expected errors", as_table=True)],

@@ -69,22 +69,22 @@ def make_parser() -> argparse.ArgumentParser:
 def _parse_frequencies(text):
     if ":" not in text:
         frequencies = parsing.numbers(text)
-        if not all(f > 0 for f in frequencies):
+        if not all(frequency > 0 for frequency in frequencies):
             raise argparse.ArgumentTypeError(f"frequencies above zero are expected, not {text!r}")
         return frequencies
     try:
-        lower, upper, count = text.split(":")
-        grid = float(lower), float(upper), int(count)
+        low_text, high_text, count_text = text.split(":")
+        low_high_count = float(low_text), float(high_text), int(count_text)
     except ValueError:
-        grid = (0.0, 0.0, 0)
-    if not (0 < grid[0] < grid[1] and 1 < grid[2] <= 10_000):
+        low_high_count = (0.0, 0.0, 0)
+    if not (0 < low_high_count[0] < low_high_count[1] and 1 < low_high_count[2] <= 10_000):
         raise argparse.ArgumentTypeError(f"LOW:HIGH:N with 0 < LOW < HIGH is expected, as 0.25:4:16, not {text!r}")
-    low_f, high_f, n = grid
-    return tuple(low_f + (high_f - low_f) * i / (n - 1) for i in range(n))
+    low, high, n_frequencies = low_high_count
+    return tuple(low + (high - low) * i / (n_frequencies - 1) for i in range(n_frequencies))
 
 
 #: NSIDE of the map of the stars' response.
-_NSIDE = 8
+_RESPONSE_NSIDE = 8
 #: The mean axis may be so far from the law's before it is said. [deg]
 _MAX_AXIS_OFFSET = 1.0
 CAPTIONS = {
@@ -102,10 +102,12 @@ def _run(options):
     run = finishing.Run(options)
     from fit.waves import search_in_time
 
-    files = vsh.io.epochs.epoch_files(options.epochs)
+    epoch_files = vsh.io.epochs.epoch_files(options.epochs)
     chunks = list(vsh.io.epochs.iterate_observations(options.epochs, positions=options.positions))
-    span = float(min(chunk.time.min() for chunk in chunks)), float(max(chunk.time.max() for chunk in chunks))
-    attitude, notes, is_far = ("known", [], False) if options.attitude == "known" else _response(chunks, span, options)
+    time_span = float(min(chunk.time.min() for chunk in chunks)), float(max(chunk.time.max() for chunk in chunks))
+    attitude, notes, is_axis_far_off = (
+        ("known", [], False) if options.attitude == "known" else _make_attitude_response(chunks, time_span, options)
+    )
     search = search_in_time(
         chunks, options.frequencies, attitude=attitude, lmax=options.lmax, nside=options.nside, n_skies=options.skies,
         rng=options.seed,
@@ -114,7 +116,7 @@ def _run(options):
     def make_sections(long):
         return [
             *search.sections(long=long),
-            *([Section("The attitude", remarks=notes)] if notes and (long or is_far) else ()),
+            *([Section("The attitude", remarks=notes)] if notes and (long or is_axis_far_off) else ()),
         ]
 
     run.finish(
@@ -122,16 +124,16 @@ def _run(options):
         sections=make_sections,
         answer=search.answer,
         notes=(*search.notes, *notes),
-        paths=[*files],
+        paths=[*epoch_files],
         counts={"sources": sum(len(chunk.lon) for chunk in chunks)},
         captions=CAPTIONS,
         title=f"Waves in {Path(options.epochs).name}",
     )
 
 
-def _response(chunks, span, options):
+def _make_attitude_response(chunks, time_span, options):
     """Response of the attitude by a law, of a table or fitted to epochs, notes on its axis, and if it is far off."""
-    epoch = vsh.io.archive.DR4.epoch
+    reference_epoch = vsh.io.archive.DR4.epoch
     if any(chunk.view is None for chunk in chunks) and not options.law:
         raise TableError(
             f"{printable(options.epochs)} does not say in which field of view a source was seen (transit_id does): "
@@ -139,70 +141,77 @@ def _response(chunks, span, options):
         )
     if options.law:
         law: Any = _read_scanning_law(options.law)
-        if law.start > epoch + span[0] or law.start + law.years < epoch + span[1]:
+        if law.start > reference_epoch + time_span[0] or law.start + law.years < reference_epoch + time_span[1]:
             raise TableError(
                 f"{printable(options.law)} goes from {law.start:.2f} to {law.start + law.years:.2f}, the epochs from "
-                f"{epoch + span[0]:.2f} to {epoch + span[1]:.2f}"
+                f"{reference_epoch + time_span[0]:.2f} to {reference_epoch + time_span[1]:.2f}"
             )
     else:
         times = np.sort(np.concatenate([chunk.time for chunk in chunks]))
-        longest = max(0.003, 30 * float(np.median(np.diff(times))))
-        start = epoch + span[0]
-        law = _fit_nominal_law(chunks, start, span[1] - span[0], sim.find_gaps(epoch + times, start, longest=longest))
-    response = sim.agis.Response(law, nside=_NSIDE, epoch=epoch, calibration=options.calibration)
-    offset = np.degrees(np.median([_compute_median_axis_offset(chunk, law) for chunk in chunks]))
-    note = f"spin axis of the scanning law: {offset:.2g}° from that of the transits, median"
-    if offset > _MAX_AXIS_OFFSET:
+        longest_interval = max(0.003, 30 * float(np.median(np.diff(times))))
+        start = reference_epoch + time_span[0]
+        law = _fit_nominal_law(
+            chunks,
+            start,
+            time_span[1] - time_span[0],
+            sim.find_gaps(reference_epoch + times, start, longest=longest_interval),
+        )
+    response = sim.agis.Response(law, nside=_RESPONSE_NSIDE, epoch=reference_epoch, calibration=options.calibration)
+    axis_offset = np.degrees(np.median([_compute_median_axis_offset(chunk, law) for chunk in chunks]))
+    note = f"spin axis of the scanning law: {axis_offset:.2g}° from that of the transits, median"
+    if axis_offset > _MAX_AXIS_OFFSET:
         note = f"warning: {note}; --law takes the law as it was commanded"
-    return response, [note], offset > _MAX_AXIS_OFFSET
+    return response, [note], axis_offset > _MAX_AXIS_OFFSET
 
 
 def _fit_nominal_law(chunks, start, years, gaps):
     """A nominal law whose axis is, at the first transit, where it was seen: r × m of the scan."""
-    axis, time = _compute_spin_axes(min(chunks, key=lambda chunk: chunk.time.min()))
-    first = int(np.argmin(time))
-    longitude, _ = sim.scanning.sun_position(start, np.zeros(1))
-    east = np.array([-np.sin(longitude[0]), np.cos(longitude[0]), 0.0])
-    ecliptic_axis = rotation_matrix("icrs", "ecliptic") @ axis[:, first]
+    axes, times = _compute_spin_axes_and_times(min(chunks, key=lambda chunk: chunk.time.min()))
+    first_transit = int(np.argmin(times))
+    sun_longitude, _ = sim.scanning.sun_position(start, np.zeros(1))
+    perpendicular_to_sun = np.array([-np.sin(sun_longitude[0]), np.cos(sun_longitude[0]), 0.0])
+    ecliptic_axis = rotation_matrix("icrs", "ecliptic") @ axes[:, first_transit]
     return sim.NominalScanningLaw(
         start=start,
         years=years,
-        precession_phase=float(np.arctan2(ecliptic_axis[2], ecliptic_axis @ east)),
+        precession_phase=float(np.arctan2(ecliptic_axis[2], ecliptic_axis @ perpendicular_to_sun)),
         gaps=tuple(gaps),
     )
 
 
-def _compute_spin_axes(observations):
+def _compute_spin_axes_and_times(observations):
     """The spin axis at every transit, r × m, (3, k), and the times."""
     p, q, r = triad(observations.lon[observations.source], observations.lat[observations.source])
-    m = p * observations.design[0] + q * observations.design[1]
-    return np.cross(r, m / np.linalg.norm(m, axis=0), axis=0), observations.time
+    scan_direction = p * observations.design[0] + q * observations.design[1]
+    return np.cross(r, scan_direction / np.linalg.norm(scan_direction, axis=0), axis=0), observations.time
 
 
 def _compute_median_axis_offset(observations, law):
     """Median offset of the axis of the law. [rad]"""
-    axis, time = _compute_spin_axes(observations)
-    z = law.attitude(np.clip(time + (vsh.io.archive.DR4.epoch - law.start), 0, law.years))[0]
-    return np.median(np.arccos(np.clip(np.sum(axis * z, 0), -1, 1)))
+    spin_axes, times = _compute_spin_axes_and_times(observations)
+    law_axes = law.attitude(np.clip(times + (vsh.io.archive.DR4.epoch - law.start), 0, law.years))[0]
+    return np.median(np.arccos(np.clip(np.sum(spin_axes * law_axes, 0), -1, 1)))
 
 
 def _read_scanning_law(path):
     """The columns of Gaia's commanded_scan_law, or time [Julian years] in place of its days."""
     table = vsh.io.tables.open_table(path)
-    names = ("ra_fov1", "dec_fov1", "ra_fov2", "dec_fov2")
-    time = next((name for name in ("jd_time", "time") if name in table.names), None)
-    missing = [name for name in names if name not in table.names] + ([] if time else ["jd_time"])
+    pointing_columns = ("ra_fov1", "dec_fov1", "ra_fov2", "dec_fov2")
+    time_column = next((name for name in ("jd_time", "time") if name in table.names), None)
+    missing = [name for name in pointing_columns if name not in table.names] + ([] if time_column else ["jd_time"])
     if missing:
         raise TableError(
-            f"{table.label}: a scanning law has jd_time, {', '.join(names)}; missing: {', '.join(missing)}"
+            f"{table.label}: a scanning law has jd_time, {', '.join(pointing_columns)}; missing: {', '.join(missing)}"
         )
-    columns = {name: np.asarray(table.columns((name,))[name][0], float) for name in (*names, str(time))}
-    times = columns[str(time)]
+    columns = {
+        name: np.asarray(table.columns((name,))[name][0], float) for name in (*pointing_columns, str(time_column))
+    }
+    times = columns[str(time_column)]
     # Days since J2010.0 in Gaia's table, whole Julian dates elsewhere, years where the column says so.
-    years = times if time == "time" else 2010.0 + (times - (2455197.5 if times[0] > 1e6 else 0.0)) / 365.25
+    years = times if time_column == "time" else 2010.0 + (times - (2455197.5 if times[0] > 1e6 else 0.0)) / 365.25
     order = np.argsort(years, kind="stable")
-    views = [np.array([columns[f"{axis}_fov{k}"][order] for axis in ("ra", "dec")]) * DEGREE for k in (1, 2)]
-    return sim.TabulatedLaw(years[order], *views)
+    pointings = [np.array([columns[f"{axis}_fov{k}"][order] for axis in ("ra", "dec")]) * DEGREE for k in (1, 2)]
+    return sim.TabulatedLaw(years[order], *pointings)
 
 
 main, run = running.make_entry(__name__, _run)

@@ -59,9 +59,14 @@ class SecondEpoch(InNotebook):
         """Mask of the ICRS positions `lon`, `lat` that are in the survey. [rad]"""
         direction = triad(lon, lat)[2]
         latitudes = (angles(rotation_matrix("icrs", frame) @ direction)[1] for frame in ("galactic", "ecliptic"))
-        galactic, ecliptic = np.degrees(np.abs(list(latitudes)))
+        galactic_latitude, ecliptic_latitude = np.degrees(np.abs(list(latitudes)))
         lower, upper = np.radians(self.declination)
-        return (galactic > self.latitude) & (ecliptic > self.ecliptic_latitude) & (lat > lower) & (lat < upper)
+        return (
+            (galactic_latitude > self.latitude)
+            & (ecliptic_latitude > self.ecliptic_latitude)
+            & (lat > lower)
+            & (lat < upper)
+        )
 
     def motion_errors(self, magnitude: FloatArray, factor: FloatArray, release: Release) -> FloatArray:
         """Errors of joint motions, (2, n), with Gaia's `factor` times those of `release` at `magnitude`. [µas/yr]"""
@@ -70,12 +75,14 @@ class SecondEpoch(InNotebook):
             gaia_errors(magnitude, release),
         ])  # fmt: skip
         covariance = np.einsum("in,ij->nij", (factor * sigma) ** 2, np.eye(5))
-        errors: Any = self.error
+        position_errors: Any = self.error
         if isinstance(self.error, str):
-            errors = factor * np.multiply.outer(POSITION_FACTORS, parallax_error(magnitude, self.error))
-        positions = np.einsum("in,ij->nij", np.broadcast_to(errors, (2, len(magnitude))) ** 2, np.eye(2))
-        joint = add_positions(covariance, positions, self.years)
-        return np.sqrt(np.stack([joint[:, 3, 3], joint[:, 4, 4]]))
+            position_errors = factor * np.multiply.outer(POSITION_FACTORS, parallax_error(magnitude, self.error))
+        position_covariance = np.einsum(
+            "in,ij->nij", np.broadcast_to(position_errors, (2, len(magnitude))) ** 2, np.eye(2)
+        )
+        joint_covariance = add_positions(covariance, position_covariance, self.years)
+        return np.sqrt(np.stack([joint_covariance[:, 3, 3], joint_covariance[:, 4, 4]]))
 
 
 @dataclass(frozen=True)
@@ -129,40 +136,46 @@ class Survey(InNotebook):
         """Errors of quasars at ICRS positions `lon`, `lat`, (2, n), of as much information as all have. [µas/yr]"""
         errors = np.empty((2, len(lon)))
         if self.release is None:
-            errors[:] = self._own_error()[:, None]
+            errors[:] = self._average_own_errors()[:, None]
         else:
-            magnitude, factor = _make_crf3_sample()
-            errors[:] = _average_error(factor * gaia_errors(magnitude, self.release))[:, None]
+            magnitude, factor = _draw_crf3_magnitudes_and_factors()
+            errors[:] = _average_errors_by_information(factor * gaia_errors(magnitude, self.release))[:, None]
             if self.second is not None:
-                covered = self.second.covers(lon, lat)
-                errors[:, covered] = _average_error(self.second.motion_errors(magnitude, factor, self.release))[:, None]
+                is_covered = self.second.covers(lon, lat)
+                errors[:, is_covered] = _average_errors_by_information(
+                    self.second.motion_errors(magnitude, factor, self.release)
+                )[:, None]
         return errors * self.factor * np.sqrt(len(lon) / self.n_quasars)
 
     def galaxy_errors(self, magnitude: FloatArray, lon: FloatArray, lat: FloatArray) -> FloatArray:
         """Errors of galaxies of `magnitude` G at ICRS positions `lon`, `lat`, as of points, (2, n). [µas/yr]"""
         if self.release is None:
-            return np.tile(self._own_error()[:, None], len(magnitude)) * self.factor
+            return np.tile(self._average_own_errors()[:, None], len(magnitude)) * self.factor
         errors = gaia_errors(magnitude, self.release)
         if self.second is not None:
-            covered = self.second.covers(lon, lat)
-            errors[:, covered] = self.second.motion_errors(magnitude[covered], np.ones(covered.sum()), self.release)
+            is_covered = self.second.covers(lon, lat)
+            errors[:, is_covered] = self.second.motion_errors(
+                magnitude[is_covered], np.ones(is_covered.sum()), self.release
+            )
         return errors * self.factor
 
-    def _own_error(self):
+    def _average_own_errors(self):
         """Error of as much information as those of `sigma` have, (2,)."""
-        return _average_error(np.tile(np.atleast_1d(self.sigma), (2, 1)))
+        return _average_errors_by_information(np.tile(np.atleast_1d(self.sigma), (2, 1)))
 
 
-def _average_error(sigma):
+def _average_errors_by_information(sigma):
     """Error of as much information as several have, for each component."""
     return 1 / np.sqrt(np.mean(1 / sigma**2, axis=1))
 
 
 @lru_cache(maxsize=1)
-def _make_crf3_sample():
+def _draw_crf3_magnitudes_and_factors():
     """Magnitudes of Gaia-CRF3's quasars, and factors on their errors: information to half a per cent."""
-    five, six = (count // 8 for count in CRF3_COUNTS.values())
-    return draw_crf3_magnitudes(five, six, 1), np.where(np.arange(five + six) < five, 1.0, SIX_PARAMETERS)
+    n_five_parameter, n_six_parameter = (count // 8 for count in CRF3_COUNTS.values())
+    return draw_crf3_magnitudes(n_five_parameter, n_six_parameter, 1), np.where(
+        np.arange(n_five_parameter + n_six_parameter) < n_five_parameter, 1.0, SIX_PARAMETERS
+    )
 
 
 _N_QUASARS, _N_GALAXIES = sum(CRF3_COUNTS.values()), 100_000
@@ -170,55 +183,60 @@ _N_QUASARS, _N_GALAXIES = sum(CRF3_COUNTS.values()), 100_000
 #: and the highest degree of such angles.
 _CRF3_SYSTEMATICS, _CRF3_MAX_DEGREE = 12.0, 12
 #: Floor of DR3: that of a field of these motions with one power for all modes. [µas/yr]
-_FLOOR = (
+_DR3_FLOOR = (
     _CRF3_SYSTEMATICS
     * Spectrum.flat().acceleration_error
     * float(np.sqrt(4 * np.pi / Spectrum.flat().power(_CRF3_MAX_DEGREE).sum()))
 )
 #: Floors of DR4 and DR5, an assumption: they decrease like the errors of motions.
-_FLOORS = {release: _FLOOR * RELEASES[release][0] * RELEASES[release][1] / RELEASES["DR3"][1] for release in RELEASES}
+_FLOORS_BY_RELEASE = {
+    release: _DR3_FLOOR * RELEASES[release][0] * RELEASES[release][1] / RELEASES["DR3"][1] for release in RELEASES
+}
 #: Median errors of five equal shares of the VLBA's motions (Truebenbach & Darling 2017, ApJS 233, 3). [µas/yr]
-_VLBA = (2.1, 5.5, 9.6, 15.6, 39.2)
+_VLBA_ERRORS = (2.1, 5.5, 9.6, 15.6, 39.2)
 
 
 #: Years of observations in DR5, and from their mean to that of a successor.
-_DR5_YEARS, _SUCCESSOR = 10.0, 27.7
+_DR5_YEARS, _SUCCESSOR_YEARS = 10.0, 27.7
 
 
-def _gaia(says: str, release: Release = "DR5", second: SecondEpoch | None = None, floor: float | None = None) -> Survey:
+def _make_gaia_survey(
+    says: str, release: Release = "DR5", second: SecondEpoch | None = None, floor: float | None = None
+) -> Survey:
     """A release, perhaps with positions of another survey, which keep its floor unless they have theirs."""
-    floor = _FLOORS[release] if floor is None else floor
+    floor = _FLOORS_BY_RELEASE[release] if floor is None else floor
     return Survey(_N_QUASARS, release, n_galaxies=_N_GALAXIES, floor=floor, says=says, second=second)
 
 
 #: By name. Floors beyond DR3 are an assumption.
 SURVEYS = {
-    "Gaia DR3": _gaia("quasars of Gaia-CRF3", "DR3"),
-    "Gaia DR4": _gaia("the same quasars, 66 months of data", "DR4"),
-    "Gaia DR5": _gaia("the same quasars, ten years of data"),
-    "DR5 + Euclid": _gaia(
+    "Gaia DR3": _make_gaia_survey("quasars of Gaia-CRF3", "DR3"),
+    "Gaia DR4": _make_gaia_survey("the same quasars, 66 months of data", "DR4"),
+    "Gaia DR5": _make_gaia_survey("the same quasars, ten years of data"),
+    "DR5 + Euclid": _make_gaia_survey(
         "positions at J2027.5 in 14 000 deg², four exposures of 0.7 mas (Libralato et al. 2024, arXiv:2411.02487)",
         second=SecondEpoch(350.0, 7.7, latitude=30.0, ecliptic_latitude=15.0),
     ),
-    "DR5 + Roman": _gaia(
+    "DR5 + Roman": _make_gaia_survey(
         "positions at J2029.5 in 5100 deg², ten exposures of 0.01 pixel (Sanderson et al. 2019, JATIS 5, 044005)",
         second=SecondEpoch(350.0, 9.7, latitude=43.0, declination=(-45.0, 0.0)),
     ),
-    "DR5 + Rubin": _gaia(
+    "DR5 + Rubin": _make_gaia_survey(
         "positions at J2031 in 18 000 deg², 825 visits of 11 mas (Ivezić et al. 2019, ApJ 873, 111)",
         second=SecondEpoch(400.0, 11.2, latitude=15.0, declination=(-70.0, 12.5)),
     ),
-    "near infrared": _gaia(
+    "near infrared": _make_gaia_survey(
         "positions by a successor to Gaia launched in 2045, at J2047.5 with DR4's errors by magnitude: it is to be "
         "as precise as Gaia (Hobbs et al. 2021, Exp. Astron. 51, 783); floor: that of DR5 by the time between",
-        second=SecondEpoch("DR4", _SUCCESSOR), floor=_FLOORS["DR5"] * _DR5_YEARS / _SUCCESSOR,
+        second=SecondEpoch("DR4", _SUCCESSOR_YEARS), floor=_FLOORS_BY_RELEASE["DR5"] * _DR5_YEARS / _SUCCESSOR_YEARS,
     ),
     "VLBI": Survey(
-        1500, sigma=_VLBA, floor=0.1,
+        1500, sigma=_VLBA_ERRORS, floor=0.1,
         says="assumed: 1500 sources with the distribution of errors of Truebenbach & Darling (2017)",
     ),
     "SKA": Survey(
-        10_000, sigma=_VLBA, floor=0.1, says="assumed: 10 000 sources with the errors of VLBI (VLBI with the SKA)"
+        10_000, sigma=_VLBA_ERRORS, floor=0.1,
+        says="assumed: 10 000 sources with the errors of VLBI (VLBI with the SKA)",
     ),
 }  # fmt: skip
 #: What is forecast: words and unit, in the order of the table.
@@ -243,14 +261,14 @@ QUANTITIES = {
 
 #: So many stand for all: so many quasars; of galaxies the nearest and every twentieth of the rest, fewer where flows
 #: are unknowns.
-_SAMPLE_QUASARS, _SAMPLE_GALAXIES, _NEAREST, _EVERY, _FLOW_GALAXIES = 5000, 100_000, 4000, 20, 2000
+_SAMPLE_QUASARS, _SAMPLE_GALAXIES, _N_NEAREST_GALAXIES, _GALAXY_STRIDE, _FLOW_GALAXIES = 5000, 100_000, 4000, 20, 2000
 #: The highest degree that is looked at.
 _MAX_DEGREE = 400
 _FLOW_MODES, _HUBBLE = 40, 70.0
 #: What the published angular covariance of DR3 implies for each component of spin and acceleration. [µas/yr]
-_LAW_FLOOR = Spectrum.from_covariance(LINDEGREN_2021).acceleration_error
+_COVARIANCE_LAW_FLOOR = Spectrum.from_covariance(LINDEGREN_2021).acceleration_error
 #: Beside no flows, as forecasts of the field have it; and beyond flows. They are put into the errors. [km/s]
-_ALONE, _BEYOND, _NO_DISPERSION = 300.0, 150.0, 1e-3
+_DISPERSION_WITHOUT_FLOWS, _DISPERSION_BEYOND_FLOWS, _NO_DISPERSION = 300.0, 150.0, 1e-3
 #: Quantities of a short report: what a proposal quotes, with what nature adds to the noise.
 _SHORT_REPORT = (
     "acceleration", "acceleration_floor", "speed", "waves", "velocity", "hubble", "velocity_flows",
@@ -298,17 +316,17 @@ class SurveyForecast(InNotebook):
                 number_format = ".0f" if name == "degree" else ".3g"
                 label = description + (f" [{unit}]" if unit else "")
                 rows.append((label, *("" if np.isnan(cell) else f"{cell:{number_format}}" for cell in cells)))
-        heads = ("expected errors (68 % unless stated otherwise)", *self.surveys)
-        table = tables.table_of_rows(heads, rows)
+        column_heads = ("expected errors (68 % unless stated otherwise)", *self.surveys)
+        table = tables.table_of_rows(column_heads, rows)
         facts = [("sky", f"quasars: {self.sky}; galaxies: to z = 0.03, errors of faint galaxies as those of Gaia")]
-        of_flows = np.isfinite([values["hubble_flows"] for values in self.values.values()]).any()
-        velocities = (
+        has_flows = np.isfinite([values["hubble_flows"] for values in self.values.values()]).any()
+        velocities_remark = (
             "velocities and H0 with fitted flows include the cosmic variance of one sky in linear theory"
-            if of_flows
+            if has_flows
             else "velocities and H0 are for independent peculiar velocities of 300 km/s: flows make errors several "
             "times larger on the real sky"
         )
-        remarks = [f"Floors beyond DR3 are assumptions; {velocities}."]
+        remarks = [f"Floors beyond DR3 are assumptions; {velocities_remark}."]
         if long:
             facts += [
                 (name, f"{survey.says}; systematic floor {survey.floor:.3g} µas/yr")
@@ -317,9 +335,9 @@ class SurveyForecast(InNotebook):
             remarks = [
                 "Floors beyond DR3 are assumptions; the errors of direction, V0, R0 and Ω include the floors. DR3's "
                 "angular covariance (Lindegren et al. "
-                f"2021, 292 exp(−θ/12°) µas²/yr²) implies a floor of {_LAW_FLOOR:.1f} µas/yr at degree 1, "
-                f"{_LAW_FLOOR / _FLOOR:.1f} times as much; the acceleration measured by DR3 (5.05 µas/yr, with 4.8 "
-                "expected) excludes such a floor.",
+                f"2021, 292 exp(−θ/12°) µas²/yr²) implies a floor of {_COVARIANCE_LAW_FLOOR:.1f} µas/yr at degree 1, "
+                f"{_COVARIANCE_LAW_FLOOR / _DR3_FLOOR:.1f} times as much; the acceleration measured by DR3 (5.05 "
+                "µas/yr, with 4.8 expected) excludes such a floor.",
                 "Velocity and H0 are for independent peculiar velocities of 300 km/s; with flows fitted, they are for "
                 "flows of linear theory and include the "
                 "cosmic variance of one sky.",
@@ -407,16 +425,16 @@ def forecast_surveys(
     if not surveys or not all(isinstance(candidate, Survey) for candidate in surveys.values()):
         raise ParameterError("a forecast is of one Survey at least, by name")
     arguments.choice("sky", sky, ("uniform", "gums", "igql"))
-    generator = arguments.generator(rng)
-    (position_rng,) = generator.spawn(1)
+    random_generator = arguments.generator(rng)
+    (position_rng,) = random_generator.spawn(1)
     lon, lat = _place_quasars(sky, position_rng)
     no_motion = np.zeros((2, len(lon)))
-    power = Spectrum.from_covariance(LINDEGREN_2021).power(_MAX_DEGREE)[0]
-    sample = galaxies(_SAMPLE_GALAXIES, generator)
+    systematic_power = Spectrum.from_covariance(LINDEGREN_2021).power(_MAX_DEGREE)[0]
+    galaxy_sample = galaxies(_SAMPLE_GALAXIES, random_generator)
     values = {
         name: (
-            _forecast_quasars(Field(lon, lat, no_motion, survey.errors(lon, lat)), survey, power)
-            | _forecast_galaxies(survey, sample, flows)
+            _forecast_quasar_errors(Field(lon, lat, no_motion, survey.errors(lon, lat)), survey, systematic_power)
+            | _forecast_galaxy_errors(survey, galaxy_sample, flows)
         )
         for name, survey in surveys.items()
     }
@@ -434,18 +452,18 @@ def _place_quasars(sky, rng):
     return i * np.pi * (3 - np.sqrt(5)) % (2 * np.pi), np.arcsin((2 * i + 1) / _SAMPLE_QUASARS - 1)
 
 
-def _forecast_quasars(field, survey, power):
+def _forecast_quasar_errors(field, survey, systematic_power):
     prediction = predict_covariance(field, 2)
     spin, acceleration = (
         float(np.sqrt(np.mean(vector.sigma**2))) for vector in (prediction.spin, prediction.acceleration)
     )
     model_acceleration = expected_acceleration(R0[0])
     # Noise in degree 2, both kinds: on an even sky 4π/(n w) a coefficient, T and S alike.
-    noise = (prediction.noise_power("T", 2) + prediction.noise_power("S", 2)) / 10
+    noise_per_mode = (prediction.noise_power("T", 2) + prediction.noise_power("S", 2)) / 10
     # A floor of degree 1 has as much power in each mode of degree 2; of the published law it is a share.
     total_error, floor_power = float(np.hypot(acceleration, survey.floor)), 8 * np.pi / 3 * survey.floor**2
-    law_floor = _LAW_FLOOR * survey.floor / _FLOOR if survey.release else survey.floor
-    tensors = [to_tensor(Coefficients(Modes(2), row)) for row in np.linalg.cholesky(prediction.covariance).T]
+    law_floor = _COVARIANCE_LAW_FLOOR * survey.floor / _DR3_FLOOR if survey.release else survey.floor
+    shear_tensors = [to_tensor(Coefficients(Modes(2), row)) for row in np.linalg.cholesky(prediction.covariance).T]
     degrees = np.arange(1, _MAX_DEGREE + 1)
     return {
         "spin": spin,
@@ -455,38 +473,55 @@ def _forecast_quasars(field, survey, power):
         "direction": float(np.degrees(total_error / model_acceleration)),
         "speed": circular_speed(model_acceleration, total_error, *R0)[1],
         "r0": distance_of_centre(model_acceleration, total_error)[1],
-        "waves": 6 / 5 * (noise + floor_power) * float(chdtri(10, 0.05)) / (4 * np.pi * hubble_rate(_HUBBLE) ** 2),
-        "wave": float(np.sqrt(noise * 6 / (4 * np.pi))),
-        "shear": 100 * float(np.sqrt(np.mean(np.sum(np.square(tensors), axis=0)))) / hubble_rate(_HUBBLE),
-        "degree": float(np.argmin(np.append(power > (2 * degrees + 1) * noise, False))),
+        "waves": 6
+        / 5
+        * (noise_per_mode + floor_power)
+        * float(chdtri(10, 0.05))
+        / (4 * np.pi * hubble_rate(_HUBBLE) ** 2),
+        "wave": float(np.sqrt(noise_per_mode * 6 / (4 * np.pi))),
+        "shear": 100 * float(np.sqrt(np.mean(np.sum(np.square(shear_tensors), axis=0)))) / hubble_rate(_HUBBLE),
+        "degree": float(np.argmin(np.append(systematic_power > (2 * degrees + 1) * noise_per_mode, False))),
     }
 
 
-def _forecast_galaxies(survey, sample, flows):
+def _forecast_galaxy_errors(survey, galaxy_sample, flows):
     values = dict.fromkeys(("velocity", "hubble", "velocity_flows", "hubble_flows"), float("nan"))
     if not survey.n_galaxies:
         return values
-    order = np.argsort(sample.redshift)
+    order = np.argsort(galaxy_sample.redshift)
     # The nearest weigh most: all of them, and of the rest every twentieth for twenty.
-    rows = np.concatenate([order[:_NEAREST], order[_NEAREST::_EVERY]])
-    plain_errors = _combine_errors(survey, sample[rows], _ALONE, np.where(np.arange(len(rows)) < _NEAREST, 1, _EVERY))
-    values["velocity"], values["hubble"] = _predict_velocity_errors(sample[rows], plain_errors, flows=None)
+    row_numbers = np.concatenate([order[:_N_NEAREST_GALAXIES], order[_N_NEAREST_GALAXIES::_GALAXY_STRIDE]])
+    plain_errors = _compute_galaxy_sample_errors(
+        survey,
+        galaxy_sample[row_numbers],
+        _DISPERSION_WITHOUT_FLOWS,
+        np.where(np.arange(len(row_numbers)) < _N_NEAREST_GALAXIES, 1, _GALAXY_STRIDE),
+    )
+    values["velocity"], values["hubble"] = _predict_velocity_and_hubble_errors(
+        galaxy_sample[row_numbers], plain_errors, flows=None
+    )
     if flows:
-        rows = order[:: len(order) // _FLOW_GALAXIES]
-        errors = _combine_errors(survey, sample[rows], _BEYOND, len(order) / len(rows))
-        velocity, hubble = _predict_velocity_errors(sample[rows], errors, flows="linear", n_modes=_FLOW_MODES)
-        values |= {"velocity_flows": velocity, "hubble_flows": hubble}
+        row_numbers = order[:: len(order) // _FLOW_GALAXIES]
+        errors = _compute_galaxy_sample_errors(
+            survey, galaxy_sample[row_numbers], _DISPERSION_BEYOND_FLOWS, len(order) / len(row_numbers)
+        )
+        velocity_error, hubble_error = _predict_velocity_and_hubble_errors(
+            galaxy_sample[row_numbers], errors, flows="linear", n_modes=_FLOW_MODES
+        )
+        values |= {"velocity_flows": velocity_error, "hubble_flows": hubble_error}
     return values
 
 
-def _combine_errors(survey, sample, dispersion, n_each):
+def _compute_galaxy_sample_errors(survey, galaxy_sample, dispersion, n_each):
     """Errors of galaxies that stand for several each, their peculiar velocities included. [µas/yr]"""
-    scatter = dispersion / (AU_PER_YEAR * transverse_distance(sample.redshift, FLAT_PLANCK13))
-    errors = survey.galaxy_errors(sample.magnitude, sample.lon, sample.lat)
-    return np.hypot(errors, scatter) / np.sqrt(n_each * survey.n_galaxies / _SAMPLE_GALAXIES)
+    velocity_scatter = dispersion / (AU_PER_YEAR * transverse_distance(galaxy_sample.redshift, FLAT_PLANCK13))
+    errors = survey.galaxy_errors(galaxy_sample.magnitude, galaxy_sample.lon, galaxy_sample.lat)
+    return np.hypot(errors, velocity_scatter) / np.sqrt(n_each * survey.n_galaxies / _SAMPLE_GALAXIES)
 
 
-def _predict_velocity_errors(sample, errors, **options):
-    field = Field(sample.lon, sample.lat, np.zeros_like(errors), errors, redshift=sample.redshift)
-    velocity, hubble = predict_velocity(field, 67.3, peculiar_dispersion=_NO_DISPERSION, left_out=False, **options)
-    return float(np.sqrt(np.trace(velocity.velocity.covariance) / 3)), float(hubble.hubble_error)
+def _predict_velocity_and_hubble_errors(galaxy_sample, errors, **options):
+    field = Field(galaxy_sample.lon, galaxy_sample.lat, np.zeros_like(errors), errors, redshift=galaxy_sample.redshift)
+    velocity_solution, hubble_solution = predict_velocity(
+        field, 67.3, peculiar_dispersion=_NO_DISPERSION, left_out=False, **options
+    )
+    return float(np.sqrt(np.trace(velocity_solution.velocity.covariance) / 3)), float(hubble_solution.hubble_error)

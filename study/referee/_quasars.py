@@ -86,10 +86,10 @@ class Quasars(InNotebook):
         label : str
             Where they are from.
         """
-        fit = clip_quasars(field)
-        selection = fit.kept
-        values = {name: np.asarray(column, float)[selection] for name, column in columns.items()}
-        return cls(field[selection], values, names, label, fit.n_clipped, field)
+        clipped_fit = clip_quasars(field)
+        is_kept = clipped_fit.kept
+        values = {name: np.asarray(column, float)[is_kept] for name, column in columns.items()}
+        return cls(field[is_kept], values, names, label, clipped_fit.n_clipped, field)
 
     def column(self, name: str) -> FloatArray:
         """Numbers of a column, (n,).
@@ -144,8 +144,8 @@ def clip_quasars(field: Field) -> ClippedFit:
     try:
         return clip(field, lmax, _KAPPA)
     except ConvergenceError:
-        whitened = fit_field(field, lmax).residuals(field).whitened
-        return clip(field, lmax, threshold=_KAPPA * float(np.median(np.sqrt(np.sum(whitened**2, 0)))))
+        whitened_residuals = fit_field(field, lmax).residuals(field).whitened
+        return clip(field, lmax, threshold=_KAPPA * float(np.median(np.sqrt(np.sum(whitened_residuals**2, 0)))))
 
 
 def read_quasars(source: Any, *, axes: str = "icrs", **reading: Any) -> Quasars:
@@ -176,8 +176,10 @@ def read_quasars(source: Any, *, axes: str = "icrs", **reading: Any) -> Quasars:
     """
     table_source = tables.open_table(source, reading.pop("format", None))
     field = catalogue.read_field(table_source, **reading, roles=("name", "redshift", "magnitude")).to_frame(axes)
-    present = {meaning: [name for name in names if name in table_source.names] for meaning, names in _COLUMNS.items()}
-    names = {meaning: column_names[0] for meaning, column_names in present.items() if column_names}
+    present_columns = {
+        meaning: [name for name in names if name in table_source.names] for meaning, names in _COLUMNS.items()
+    }
+    names = {meaning: column_names[0] for meaning, column_names in present_columns.items() if column_names}
     read_columns = catalogue.read_columns(table_source, names.values(), **reading)
     columns = {meaning: read_columns[name] for meaning, name in names.items()}
     for meaning, values in (("redshift", field.redshift), ("G", field.magnitude)):
@@ -189,9 +191,9 @@ def read_quasars(source: Any, *, axes: str = "icrs", **reading: Any) -> Quasars:
 #: What classes share is looked for to this degree, in no class of fewer sources.
 _CLASS_DEGREE, MIN_CLASS_SIZE = 5, 100
 #: Draws of the systematic errors, repeated where few have weight: p-values of 200 and of 800 differ by a tenth.
-_DRAWS = 200
+_N_DRAWS = 200
 #: Skies behind a p-value, which is multiplied by the number of checks: 1/40 000 is the smallest.
-_SKIES = 40_000
+_N_SKIES = 40_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,19 +206,19 @@ class Comparison(InNotebook):
     @cached_property
     def verdict(self) -> Verdict:
         """The largest difference after allowing for all, by skies enough for one p-value among many."""
-        return self.shared.verdict(_SKIES)
+        return self.shared.verdict(_N_SKIES)
 
-    def at_face_value(self, kind: str | None = None) -> float:
+    def compute_formal_p_value(self, kind: str | None = None) -> float:
         """p-value of spins ("T"), accelerations ("S") or both that are alike, with formal errors and nothing shared."""
-        components = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[kind]
-        blocks = [select_degree(solution, 1) for solution in self.plain]
-        values = np.array([value[components] for value, _ in blocks])
-        covariance = block_diag(*(covariance[components, components] for _, covariance in blocks))
-        misfit = gls(values, covariance, np.ones((len(values), 1)))[1]
-        return float(chdtrc(values.size - values.shape[1], misfit))
+        component_slice = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[kind]
+        degree_one_fits = [select_degree_coefficients(solution, 1) for solution in self.plain]
+        values = np.array([value[component_slice] for value, _ in degree_one_fits])
+        covariance = block_diag(*(covariance[component_slice, component_slice] for _, covariance in degree_one_fits))
+        chi2 = gls(values, covariance, np.ones((len(values), 1)))[1]
+        return float(chdtrc(values.size - values.shape[1], chi2))
 
 
-def select_degree(solution: Solution, degree: int) -> tuple[FloatArray, FloatArray]:
+def select_degree_coefficients(solution: Solution, degree: int) -> tuple[FloatArray, FloatArray]:
     """Coefficients of one degree of a solution, and their covariance."""
     indices = np.flatnonzero(solution.modes.degrees == degree)
     return solution.values[indices], solution.covariance[np.ix_(indices, indices)]
@@ -242,30 +244,37 @@ def compare_classes(quasars: Quasars, classes: Classes, rng: Rng = 1, lmax: int 
     DegeneracyError
         If fewer than two classes have enough sources.
     """
-    eligible = classes.of_at_least(MIN_CLASS_SIZE)
-    if len(eligible) < 2:
+    eligible_classes = classes.of_at_least(MIN_CLASS_SIZE)
+    if len(eligible_classes) < 2:
         counts = ", ".join(f"{name}: {mask.sum()}" for name, mask in classes)
         raise DegeneracyError(f"fewer than two classes have {MIN_CLASS_SIZE} sources or more ({counts})")
-    degree = degree_for(min(mask.sum() for _, mask in eligible), _CLASS_DEGREE, least=3, per_mode=4)
-    normals = [quasars.equations(mask, degree) for _, mask in eligible]
-    plain = [solve(quasars.plain_equations(mask, lmax or degree)) for _, mask in eligible]
-    extensions = extend_degrees(normals, quasars.equations, [mask for _, mask in eligible])
+    shared_degree = degree_for(min(mask.sum() for _, mask in eligible_classes), _CLASS_DEGREE, least=3, per_mode=4)
+    normals = [quasars.equations(mask, shared_degree) for _, mask in eligible_classes]
+    plain_solutions = [solve(quasars.plain_equations(mask, lmax or shared_degree)) for _, mask in eligible_classes]
+    extended_normals = extend_degrees(normals, quasars.equations, [mask for _, mask in eligible_classes])
     comparison = shared(
-        extensions, range(2, degree + 1), labels=eligible.labels, draws=_DRAWS, noise_scale=quasars.is_scaled, rng=rng
+        extended_normals,
+        range(2, shared_degree + 1),
+        labels=eligible_classes.labels,
+        draws=_N_DRAWS,
+        noise_scale=quasars.is_scaled,
+        rng=rng,
     )
-    return Comparison(plain, comparison)
+    return Comparison(plain_solutions, comparison)
 
 
 #: Random parts of the sources, and the least number in each.
-_GROUPS, _IN_GROUP = 20, 60
+_N_GROUPS, _MIN_GROUP_SIZE = 20, 60
 #: Sources that are looked at together.
-_BLOCK = 20_000
+_BLOCK_SIZE = 20_000
 #: Angles that the probability of a quadratic form of two normal numbers is averaged over.
-_ANGLES = np.cos((np.arange(32) + 0.5) * np.pi / 32) ** 2
+_SQUARED_COSINES = np.cos((np.arange(32) + 0.5) * np.pi / 32) ** 2
 
 
-def check_degree_shift(field: Field, low: int, high: int, floor: Floor | None) -> tuple[FloatArray, FloatArray, float]:
-    """Check how the acceleration moves from a fit of degree `low` to one of degree `high`.
+def measure_shift_by_degree(
+    field: Field, low_degree: int, high_degree: int, floor: Floor | None
+) -> tuple[FloatArray, FloatArray, float]:
+    """Measure how the acceleration moves from a fit of `low_degree` to one of `high_degree`.
 
     Both are linear in the same data: with M the matrix of one less the other, the move M b has the covariance
     M (τ² N + s² N₂ + N S N) Mᵀ: τ² and s² the scatter of the residuals, which holds what lies beyond the higher degree,
@@ -275,7 +284,7 @@ def check_degree_shift(field: Field, low: int, high: int, floor: Floor | None) -
     ----------
     field : Field
         The sources.
-    low, high : int
+    low_degree, high_degree : int
         The degrees.
     floor : Floor, optional
         Systematic errors; errors are as quoted, up to one factor, unless given.
@@ -285,35 +294,39 @@ def check_degree_shift(field: Field, low: int, high: int, floor: Floor | None) -
     (3,) array, (3,) array, float
         The move and its errors [µas/yr], and its p-value.
     """
-    normal = normal_equations(field, high)
+    normal = normal_equations(field, high_degree)
     modes = normal.modes
-    indices = np.flatnonzero(modes.degrees <= low)
-    rows = np.arange(len(modes))[modes.slice_of("S", 1)]
-    high_estimator, low_estimator = np.linalg.inv(normal.matrix)[rows], np.zeros((3, len(modes)))
-    low_estimator[:, indices] = np.linalg.inv(normal.matrix[np.ix_(indices, indices)])[np.searchsorted(indices, rows)]
+    low_indices = np.flatnonzero(modes.degrees <= low_degree)
+    glide_rows = np.arange(len(modes))[modes.slice_of("S", 1)]
+    high_estimator, low_estimator = np.linalg.inv(normal.matrix)[glide_rows], np.zeros((3, len(modes)))
+    low_estimator[:, low_indices] = np.linalg.inv(normal.matrix[np.ix_(low_indices, low_indices)])[
+        np.searchsorted(low_indices, glide_rows)
+    ]
     m = np.linalg.inv(FIRST_DEGREE) @ (high_estimator - low_estimator)
     solution = solve(normal)
     if floor is None:
-        noise = normal.matrix * solution.quality.factor**2
+        rhs_covariance = normal.matrix * solution.quality.factor**2
     else:
-        scale, excess_variance = _fit_scatter(solution.residuals(field))
-        noise = scale * normal.matrix + excess_variance * normal_equations(_square_covariance(field), high).matrix
-        noise = noise + normal.matrix @ np.diag(floor.spectrum.variances(modes)) @ normal.matrix
-    move, covariance = m @ normal.rhs, m @ noise @ m.T
+        scale, excess_variance = _fit_scale_and_excess_variance(solution.residuals(field))
+        rhs_covariance = (
+            scale * normal.matrix + excess_variance * normal_equations(_square_covariances(field), high_degree).matrix
+        )
+        rhs_covariance = rhs_covariance + normal.matrix @ np.diag(floor.spectrum.variances(modes)) @ normal.matrix
+    move, covariance = m @ normal.rhs, m @ rhs_covariance @ m.T
     chi2 = move @ np.linalg.pinv(covariance, hermitian=True) @ move
     return move, np.sqrt(np.diag(covariance)), float(chdtrc(3, chi2))
 
 
-def _square_covariance(field):
+def _square_covariances(field):
     """The sources with the square of each covariance for a covariance: weights W² in place of W."""
     (s1, s2), rho = field.sigma, field.rho
-    a, b, c = s1**2, s2**2, rho * s1 * s2
-    p, q, r = a**2 + c**2, b**2 + c**2, c * (a + b)
+    v1, v2, c = s1**2, s2**2, rho * s1 * s2
+    p, q, r = v1**2 + c**2, v2**2 + c**2, c * (v1 + v2)
     return field.with_errors(np.sqrt([p, q]), r / np.sqrt(p * q))
 
 
-def check_method_shift(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float]:
-    """Check how the acceleration of degree 1 moves from least squares to Student's t, on random parts of the sources.
+def measure_shift_by_method(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float]:
+    """Measure how the acceleration of degree 1 moves from least squares to Student's t, on random parts of the sources.
 
     Each part gives the difference of the two; Hotelling's T² of their mean asks nothing of the errors.
 
@@ -334,19 +347,19 @@ def check_method_shift(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArr
     DegeneracyError
         If there are too few sources.
     """
-    if len(field) < _GROUPS * _IN_GROUP:
-        raise DegeneracyError(f"{len(field)} sources, and {_GROUPS * _IN_GROUP} are needed")
-    group_index = generator(rng).permutation(len(field)) % _GROUPS
-    moves = np.array(
+    if len(field) < _N_GROUPS * _MIN_GROUP_SIZE:
+        raise DegeneracyError(f"{len(field)} sources, and {_N_GROUPS * _MIN_GROUP_SIZE} are needed")
+    group_index = generator(rng).permutation(len(field)) % _N_GROUPS
+    group_moves = np.array(
         [
             student_t(group, 1).solution.acceleration.value - fit_field(group, 1).acceleration.value
-            for group in (field[group_index == k] for k in range(_GROUPS))
+            for group in (field[group_index == k] for k in range(_N_GROUPS))
         ]
     )
-    mean, covariance = moves.mean(0), np.cov(moves.T) / _GROUPS
+    mean, covariance = group_moves.mean(0), np.cov(group_moves.T) / _N_GROUPS
     t2 = mean @ np.linalg.solve(covariance, mean)
-    p = fdtrc(3, _GROUPS - 3, t2 * (_GROUPS - 3) / (3 * (_GROUPS - 1)))
-    return mean, np.sqrt(np.diag(covariance)), float(p)
+    p_value = fdtrc(3, _N_GROUPS - 3, t2 * (_N_GROUPS - 3) / (3 * (_N_GROUPS - 1)))
+    return mean, np.sqrt(np.diag(covariance)), float(p_value)
 
 
 def find_most_influential_source(field: Field, lmax: int) -> tuple[int, float, float]:
@@ -369,61 +382,91 @@ def find_most_influential_source(field: Field, lmax: int) -> tuple[int, float, f
         Its row, the move in errors, and the p-value.
     """
     solution = fit_field(field, lmax)
-    rows = np.arange(len(solution.modes))[solution.modes.slice_of("S", 1)]
+    glide_rows = np.arange(len(solution.modes))[solution.modes.slice_of("S", 1)]
     # Whitened, the move in errors is the length of three numbers.
-    whitening = np.linalg.inv(np.linalg.cholesky(solution.covariance[np.ix_(rows, rows)])) @ solution.covariance[rows]
-    residual = solution.residuals(field)
-    blocks = [np.arange(start, min(start + _BLOCK, len(field))) for start in range(0, len(field), _BLOCK)]
-    move_squares = np.concatenate([_square_influences(residual[block], solution.modes, whitening) for block in blocks])
-    largest = int(np.argmax(move_squares))
+    whitening = (
+        np.linalg.inv(np.linalg.cholesky(solution.covariance[np.ix_(glide_rows, glide_rows)]))
+        @ solution.covariance[glide_rows]
+    )
+    residual_field = solution.residuals(field)
+    blocks = [np.arange(start, min(start + _BLOCK_SIZE, len(field))) for start in range(0, len(field), _BLOCK_SIZE)]
+    move_squares = np.concatenate(
+        [_compute_squared_influences(residual_field[block], solution.modes, whitening) for block in blocks]
+    )
+    largest_index = int(np.argmax(move_squares))
     # The scatter of the others: the source that is asked about must not excuse itself.
-    scale, excess_variance = _fit_scatter(residual[np.delete(np.arange(len(field)), largest)])
+    scale, excess_variance = _fit_scale_and_excess_variance(
+        residual_field[np.delete(np.arange(len(field)), largest_index)]
+    )
     log_probability = sum(
-        _sum_log_probabilities(residual[block], solution, whitening, scale, excess_variance, move_squares[largest])
+        _sum_log_probabilities_of_less(
+            residual_field[block], solution, whitening, scale, excess_variance, move_squares[largest_index]
+        )
         for block in blocks
     )
-    return largest, float(np.sqrt(move_squares[largest])), float(-np.expm1(log_probability))
+    return largest_index, float(np.sqrt(move_squares[largest_index])), float(-np.expm1(log_probability))
 
 
-def _square_influences(residual, modes, whitening):
+def _compute_squared_influences(residual_field, modes, whitening):
     """Squared influence of each source on the acceleration, in errors."""
     return np.sum(
-        np.einsum("ajp,jp->ap", _differentiate_acceleration(residual, modes, whitening), residual.whitened) ** 2, 0
+        np.einsum("ajp,jp->ap", _differentiate_acceleration(residual_field, modes, whitening), residual_field.whitened)
+        ** 2,
+        0,
     )
 
 
-def _differentiate_acceleration(residual, modes, whitening):
+def _differentiate_acceleration(residual_field, modes, whitening):
     """Derivative of the whitened acceleration, (3, 2, n)."""
-    g = np.tensordot(whitening, harmonics(residual.lon, residual.lat, modes), 1)
-    return np.einsum("aip,jip->ajp", g, _weight_root(residual))
+    acceleration_response = np.tensordot(whitening, harmonics(residual_field.lon, residual_field.lat, modes), 1)
+    return np.einsum("aip,jip->ajp", acceleration_response, _compute_weight_roots(residual_field))
 
 
-def _sum_log_probabilities(residual, solution, whitening, scale, excess_variance, move_square):
+def _sum_log_probabilities_of_less(residual_field, solution, whitening, scale, excess_variance, move_square):
     """Log of the probability that none of these sources moves it by so much."""
-    root, derivative = _weight_root(residual), _differentiate_acceleration(residual, solution.modes, whitening)
+    weight_roots, derivative = (
+        _compute_weight_roots(residual_field),
+        _differentiate_acceleration(residual_field, solution.modes, whitening),
+    )
     # What least squares leave of a residual, 1 − R Vᵀ C V Rᵀ, and what all sources scatter by besides.
-    white = np.einsum("pin,jin->pjn", harmonics(residual.lon, residual.lat, solution.modes), root)
-    redundancy = np.eye(2)[..., None] - np.einsum("pjn,pq,qkn->jkn", white, solution.covariance, white, optimize=True)
-    covariance = scale * redundancy + excess_variance * np.einsum("jin,kin->jkn", root, root)
+    whitened_harmonics = np.einsum(
+        "pin,jin->pjn", harmonics(residual_field.lon, residual_field.lat, solution.modes), weight_roots
+    )
+    redundancy = np.eye(2)[..., None] - np.einsum(
+        "pjn,pq,qkn->jkn", whitened_harmonics, solution.covariance, whitened_harmonics, optimize=True
+    )
+    covariance = scale * redundancy + excess_variance * np.einsum("jin,kin->jkn", weight_roots, weight_roots)
     product = np.einsum("ajn,akn,kln->jln", derivative, derivative, covariance)
-    middle = (product[0, 0] + product[1, 1]) / 2
+    mean_eigenvalue = (product[0, 0] + product[1, 1]) / 2
     determinant = product[0, 0] * product[1, 1] - product[0, 1] * product[1, 0]
-    offset = np.sqrt(np.maximum(middle**2 - determinant, 0))
-    larger, smaller = middle + offset, np.maximum(middle - offset, 0)
+    half_difference = np.sqrt(np.maximum(mean_eigenvalue**2 - determinant, 0))
+    larger_eigenvalue, smaller_eigenvalue = (
+        mean_eigenvalue + half_difference,
+        np.maximum(mean_eigenvalue - half_difference, 0),
+    )
     # Two squares with weights λ1, λ2 exceed x together with the mean over φ of exp(−x / 2(λ1 cos²φ + λ2 sin²φ)).
     with np.errstate(over="ignore", divide="ignore"):
-        tail = np.mean([np.exp(-move_square / (2 * (larger * u + smaller * (1 - u)))) for u in _ANGLES], axis=0)
-    return np.sum(np.log1p(-np.minimum(tail, 1 - 1e-16)))
+        exceedance = np.mean(
+            [
+                np.exp(
+                    -move_square
+                    / (2 * (larger_eigenvalue * squared_cosine + smaller_eigenvalue * (1 - squared_cosine)))
+                )
+                for squared_cosine in _SQUARED_COSINES
+            ],
+            axis=0,
+        )
+    return np.sum(np.log1p(-np.minimum(exceedance, 1 - 1e-16)))
 
 
-def _fit_scatter(residual):
+def _fit_scale_and_excess_variance(residual_field):
     """Residuals as τ² of the quoted variance and a variance that all have: r²/σ² = τ² + s²/σ²."""
-    weight, chi2 = residual.weights[:2].mean(0), np.mean(residual.whitened**2, 0)
-    if not np.ptp(weight) > 0:
+    weights, chi2 = residual_field.weights[:2].mean(0), np.mean(residual_field.whitened**2, 0)
+    if not np.ptp(weights) > 0:
         return float(np.mean(chi2)), 0.0
-    scale, excess_variance, design = float(np.mean(chi2)), 0.0, np.stack([np.ones_like(weight), weight])
+    scale, excess_variance, design = float(np.mean(chi2)), 0.0, np.stack([np.ones_like(weights), weights])
     for _ in range(5):  # the likeliest two, of exponential y
-        weighted_design = design / (scale + excess_variance * weight) ** 2
+        weighted_design = design / (scale + excess_variance * weights) ** 2
         matrix = weighted_design @ design.T
         scale, excess_variance = np.linalg.solve(matrix, weighted_design @ chi2)
         excess_variance = max(excess_variance, 0.0)
@@ -431,7 +474,7 @@ def _fit_scatter(residual):
     return float(scale), float(excess_variance)
 
 
-def _weight_root(field):
+def _compute_weight_roots(field):
     """R with Rᵀ R the inverse covariance of each source, (2, 2, n)."""
     (s1, s2), rho = field.sigma, field.rho
     k = np.sqrt(1 - rho**2)

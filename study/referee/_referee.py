@@ -9,7 +9,7 @@ from fit.methods import Recommended
 from fit.results.quality import SEEN
 from study.referee._quasars import Quasars
 from study.referee._rows import HINT, Analysis, Check
-from study.referee._sections import check_all, repeat_all
+from study.referee._sections import make_all_checks, repeat_all_analyses
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.sections import Answer, Section, text_of
@@ -66,11 +66,11 @@ class Referee(InNotebook):
     @property
     def smallest(self) -> tuple[Check | None, float]:
         """The check with the smallest p-value, and that value times how many were asked (Bonferroni), 1 at most."""
-        tests = [check for check in self.checks if np.isfinite(check.p_value)]
-        if not tests:
+        testable_checks = [check for check in self.checks if np.isfinite(check.p_value)]
+        if not testable_checks:
             return None, 1.0
-        worst = min(tests, key=lambda check: check.p_value)
-        return worst, min(1.0, worst.p_value * len(tests))
+        worst_check = min(testable_checks, key=lambda check: check.p_value)
+        return worst_check, min(1.0, worst_check.p_value * len(testable_checks))
 
     @property
     def answer(self) -> Answer:
@@ -80,16 +80,20 @@ class Referee(InNotebook):
     @property
     def conclusion(self) -> str:
         """Conclusion of all checks."""
-        worst, p = self.smallest
-        n = sum(bool(np.isfinite(check.p_value)) for check in self.checks)
-        if worst is None:
+        worst_check, corrected_p_value = self.smallest
+        n_checks = sum(bool(np.isfinite(check.p_value)) for check in self.checks)
+        if worst_check is None:
             return "no check was possible"
-        corrected = f"p = {printed_p_value(p)} after correction for {n} checks"
-        if p >= HINT:
-            smallest = f"smallest p = {printed_p_value(worst.p_value)}; {corrected}"
-            return f"none of {n} internal checks contradicts the result ({smallest})"
-        verdict = "an instrumental effect is detected" if p < SEEN else "weak evidence of an instrumental effect"
-        return f"{verdict}: it is not {worst.question} ({worst.answer}; {corrected})"
+        corrected_text = f"p = {printed_p_value(corrected_p_value)} after correction for {n_checks} checks"
+        if corrected_p_value >= HINT:
+            smallest_text = f"smallest p = {printed_p_value(worst_check.p_value)}; {corrected_text}"
+            return f"none of {n_checks} internal checks contradicts the result ({smallest_text})"
+        verdict = (
+            "an instrumental effect is detected"
+            if corrected_p_value < SEEN
+            else "weak evidence of an instrumental effect"
+        )
+        return f"{verdict}: it is not {worst_check.question} ({worst_check.answer}; {corrected_text})"
 
     def report(self, *, long: bool = False) -> str:
         """The result to quote, the verdict of each analysis, and the checks, as text.
@@ -110,10 +114,10 @@ class Referee(InNotebook):
             As for `report`.
         """
         quasars, solution = self.quasars, self.headline.solution
-        floor = f"estimated from degrees 2 to {solution.modes.lmax}"
-        floor = floor if solution.includes_floor else "not known, because so few sources determine none"
-        sources = f"{len(quasars.whole)}; {quasars.n_clipped} outliers are excluded from the least-squares fits"
-        facts = [("sources", sources), ("fit", f"{solution.frame} axes; systematic errors {floor}")]
+        floor_text = f"estimated from degrees 2 to {solution.modes.lmax}"
+        floor_text = floor_text if solution.includes_floor else "not known, because so few sources determine none"
+        sources_text = f"{len(quasars.whole)}; {quasars.n_clipped} outliers are excluded from the least-squares fits"
+        facts = [("sources", sources_text), ("fit", f"{solution.frame} axes; systematic errors {floor_text}")]
         other_sections = [section for section in self.sections if section.paper.key != _QUOTED_PAPER]
         if not long:
             facts += [
@@ -128,26 +132,28 @@ class Referee(InNotebook):
 
     def _make_checks_section(self, long):
         """The checks with their p-values; short, those with the smallest."""
-        tests = sorted(
+        made_checks = sorted(
             (check for check in self.checks if not check.lacking),
             key=lambda check: (np.isnan(check.p_value), check.p_value),
         )
-        selection = self.checks if long else tests[:_N_LISTED]
+        listed_checks = self.checks if long else made_checks[:_N_LISTED]
         columns = {
-            "check": [check.question for check in selection],
-            "p_value": [check.p_value for check in selection],
-            "p_value, formal errors": [check.at_face_value for check in selection],
-            "answer": [f"not tested: {check.lacking}" if check.lacking else check.answer for check in selection],
+            "check": [check.question for check in listed_checks],
+            "p_value": [check.p_value for check in listed_checks],
+            "p_value, formal errors": [check.at_face_value for check in listed_checks],
+            "answer": [f"not tested: {check.lacking}" if check.lacking else check.answer for check in listed_checks],
         }
         remarks = []
         if not long:
-            n_untested = len(self.checks) - len(tests)
+            n_untested = len(self.checks) - len(made_checks)
             suffix = (
-                f"; besides these {len(tests)}, {n_untested} could not be made (--long lists the reasons)"
+                f"; besides these {len(made_checks)}, {n_untested} could not be made (--long lists the reasons)"
                 if n_untested
                 else ""
             )
-            remarks = [f"Listed are the {len(selection)} of {len(tests)} checks with the smallest p-values{suffix}."]
+            remarks = [
+                f"Listed are the {len(listed_checks)} of {len(made_checks)} checks with the smallest p-values{suffix}."
+            ]
         return Section(
             "Checks; p-values include systematic errors except in the column of formal errors",
             (),
@@ -158,11 +164,15 @@ class Referee(InNotebook):
     def tables(self) -> dict[str, Table]:
         """Sections and checks as astropy Tables, by name."""
         rows: list[Any] = [
-            (section.paper.key, row.quantity, *_number_cells(row)) for section in self.sections for row in section.rows
+            (section.paper.key, row.quantity, *_list_number_cells(row))
+            for section in self.sections
+            for row in section.rows
         ]
-        names = ("paper", "quantity", "published", "published_error", "published_method", "published_method_error",
-                 "systematics", "systematics_error", "kind")  # fmt: skip
-        verdicts = {
+        number_columns = (
+            "paper", "quantity", "published", "published_error", "published_method", "published_method_error",
+            "systematics", "systematics_error", "kind",
+        )  # fmt: skip
+        verdict_columns = {
             "paper": [entry.paper.key for entry in self.sections],
             "title": [entry.title for entry in self.sections],
             "verdict": [(entry.lacking and f"not done: {entry.lacking}") or entry.verdict for entry in self.sections],
@@ -176,8 +186,8 @@ class Referee(InNotebook):
             "answer": [(entry.lacking and f"not tested: {entry.lacking}") or entry.answer for entry in self.checks],
         }
         return {
-            "numbers": tables.table_of(dict(zip(names, zip(*rows, strict=True), strict=True)) if rows else {}),
-            "verdicts": tables.table_of(verdicts),
+            "numbers": tables.table_of(dict(zip(number_columns, zip(*rows, strict=True), strict=True)) if rows else {}),
+            "verdicts": tables.table_of(verdict_columns),
             "checks": tables.table_of(check_columns),
         }
 
@@ -191,11 +201,11 @@ class Referee(InNotebook):
         return results
 
 
-def _number_cells(row):
+def _list_number_cells(row):
     numbers = row.published, row.theirs, row.shared
     value_types = {number.kind.replace("size", "value") for number in numbers if np.isfinite(number.value)}
-    pairs = [cell for number in numbers for cell in (number.value, number.error)]
-    return (*pairs, "/".join(sorted(value_types)))
+    cells = [cell for number in numbers for cell in (number.value, number.error)]
+    return (*cells, "/".join(sorted(value_types)))
 
 
 def referee(quasars: Quasars, rng: Rng = 1, *, earlier: Field | None = None) -> Referee:
@@ -217,5 +227,10 @@ def referee(quasars: Quasars, rng: Rng = 1, *, earlier: Field | None = None) -> 
         If there are too few sources for a spin and an acceleration.
     """
     repeat_seed, check_seed = (int(stream.integers(2**31)) for stream in generator(rng).spawn(2))
-    main = quasars.recommended
-    return Referee(quasars, main, repeat_all(quasars, main, repeat_seed), check_all(quasars, main, check_seed, earlier))
+    headline = quasars.recommended
+    return Referee(
+        quasars,
+        headline,
+        repeat_all_analyses(quasars, headline, repeat_seed),
+        make_all_checks(quasars, headline, check_seed, earlier),
+    )

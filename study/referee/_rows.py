@@ -154,11 +154,11 @@ class Check(InNotebook):
     results: dict[str, Any] = field(default_factory=dict)
 
 
-def format_verdict(p: float, null_text: str, finding_text: str) -> str:
+def format_verdict(p_value: float, null_text: str, finding_text: str) -> str:
     """A verdict in words by its p-value."""
-    p_text = f"p = {printed_p_value(p)}"
-    if not p < HINT:  # nan, too
+    p_text = f"p = {printed_p_value(p_value)}"
+    if not p_value < HINT:  # nan, too
         return f"{null_text} ({p_text})"
-    if p >= SEEN:
-        return f"weak evidence: {finding_text} ({p_text}; by chance in one test of {1 / p:.0f})"
+    if p_value >= SEEN:
+        return f"weak evidence: {finding_text} ({p_text}; by chance in one test of {1 / p_value:.0f})"
     return f"{finding_text} ({p_text})"

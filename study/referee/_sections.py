@@ -20,13 +20,13 @@ from fit.secular_parallax import observer_velocity
 from study.referee._quasars import (
     MIN_CLASS_SIZE,
     Quasars,
-    check_degree_shift,
-    check_method_shift,
     clip_quasars,
     compare_classes,
     degree_for,
     find_most_influential_source,
-    select_degree,
+    measure_shift_by_degree,
+    measure_shift_by_method,
+    select_degree_coefficients,
 )
 from study.referee._rows import NO_VALUE, Analysis, Check, Row, Value, format_verdict, read_papers
 from vsh.classes import Classes
@@ -46,18 +46,19 @@ _FRAMES = ("galactic", "ecliptic", "icrs")
 _MAP_COLUMNS = ("G", "colour", "visibility periods", "scan strength")
 
 
-def check_all(quasars: Quasars, headline: Recommended, rng: Rng = 1, earlier: Field | None = None) -> list[Check]:
+def make_all_checks(quasars: Quasars, headline: Recommended, rng: Rng = 1, earlier: Field | None = None) -> list[Check]:
     """Make all checks; one that could not be asked says why."""
     questions: list[tuple[str, str, Callable[[], dict[str, Any]]]] = [
-        *((name, f"independent of {name}", partial(_check_column, quasars, name, k, rng))
-          for name, k in _SPLITS.items()),
-        ("plane", "the same near the Galactic plane", partial(_check_latitude, quasars, rng)),
-        *((frame, f"the same in both {frame} halves of the sky", partial(_check_halves, quasars, frame, rng))
+        *((name, f"independent of {name}", partial(_check_classes_of_column, quasars, name, n_classes, rng))
+          for name, n_classes in _SPLITS.items()),
+        ("plane", "the same near the Galactic plane", partial(_check_latitude_classes, quasars, rng)),
+        *((frame, f"the same in both {frame} halves of the sky", partial(_check_sky_halves, quasars, frame, rng))
           for frame in _FRAMES),
-        ("degree", "independent of the maximum degree", partial(_check_degree, quasars, headline)),
-        ("robust", "the same with Student's t and with least squares", partial(_check_method, quasars, rng)),
-        ("one source", "independent of any single source", partial(_check_source, quasars)),
-        ("maps", "independent of maps of the survey's properties", partial(_check_maps, quasars, headline, rng)),
+        ("degree", "independent of the maximum degree", partial(_check_degree_dependence, quasars, headline)),
+        ("robust", "the same with Student's t and with least squares", partial(_check_method_dependence, quasars, rng)),
+        ("one source", "independent of any single source", partial(_check_single_source, quasars)),
+        ("maps", "independent of maps of the survey's properties",
+         partial(_check_property_maps, quasars, headline, rng)),
     ]  # fmt: skip
     if earlier is not None:
         questions.append(
@@ -75,57 +76,62 @@ def _make_contents_or_reason(make_contents):
         return {"lacking": str(error)}
 
 
-def _check_column(quasars, name, k, rng):
-    return _check_classes(quasars, Classes.by_parts(name, quasars.column(name), k), rng)
+def _check_classes_of_column(quasars, name, n_classes, rng):
+    return _check_class_differences(quasars, Classes.by_parts(name, quasars.column(name), n_classes), rng)
 
 
-def _check_latitude(quasars, rng):
+def _check_latitude_classes(quasars, rng):
     is_near_plane = np.abs(quasars.field.to_frame("galactic").lat) < np.pi / 6
-    return _check_classes(quasars, Classes(("|b| < 30°", "|b| ≥ 30°"), np.array([is_near_plane, ~is_near_plane])), rng)
+    return _check_class_differences(
+        quasars, Classes(("|b| < 30°", "|b| ≥ 30°"), np.array([is_near_plane, ~is_near_plane])), rng
+    )
 
 
-def _check_halves(quasars, frame, rng):
-    return _check_classes(quasars, Classes.by_halves(frame).of(quasars.field), rng)
+def _check_sky_halves(quasars, frame, rng):
+    return _check_class_differences(quasars, Classes.by_halves(frame).of(quasars.field), rng)
 
 
-def _check_classes(quasars, classes, rng) -> dict[str, Any]:
+def _check_class_differences(quasars, classes, rng) -> dict[str, Any]:
     comparison = compare_classes(quasars, classes, rng)
     verdict = comparison.verdict
     labels = comparison.shared.labels
     difference = comparison.shared.difference(0, len(labels) - 1).acceleration
-    change = f"the accelerations of the first and the last differ by {difference.amplitude:.2g} µas/yr"
+    difference_text = f"the accelerations of the first and the last differ by {difference.amplitude:.2g} µas/yr"
     return {
-        "answer": f"{len(labels)} classes; {change}; largest difference: {verdict.comparison}",
+        "answer": f"{len(labels)} classes; {difference_text}; largest difference: {verdict.comparison}",
         "p_value": verdict.p_value,
-        "at_face_value": comparison.at_face_value(), "results": {"classes": comparison.shared},
+        "at_face_value": comparison.compute_formal_p_value(), "results": {"classes": comparison.shared},
     }  # fmt: skip
 
 
-def _check_degree(quasars, headline) -> dict[str, Any]:
+def _check_degree_dependence(quasars, headline) -> dict[str, Any]:
     lower_degree = degree_for(len(quasars.field), 3)
     if quasars.degree <= lower_degree:
         raise VshError(f"the sources bear no more than degree {quasars.degree}")
-    move, _, p = check_degree_shift(quasars.field, lower_degree, quasars.degree, headline.floor)
-    formal_p = check_degree_shift(quasars.field, lower_degree, quasars.degree, None)[2]
-    change = ", ".join(f"{component:+.2f}" for component in move)
-    answer = f"from maximum degree {lower_degree} to {quasars.degree} the acceleration changes by ({change}) µas/yr"
-    return {"answer": answer, "p_value": p, "at_face_value": formal_p}
+    move, _, p_value = measure_shift_by_degree(quasars.field, lower_degree, quasars.degree, headline.floor)
+    formal_p_value = measure_shift_by_degree(quasars.field, lower_degree, quasars.degree, None)[2]
+    move_text = ", ".join(f"{component:+.2f}" for component in move)
+    answer = f"from maximum degree {lower_degree} to {quasars.degree} the acceleration changes by ({move_text}) µas/yr"
+    return {"answer": answer, "p_value": p_value, "at_face_value": formal_p_value}
 
 
-def _check_method(quasars, rng) -> dict[str, Any]:
-    move, error, p = check_method_shift(quasars.whole, rng)
+def _check_method_dependence(quasars, rng) -> dict[str, Any]:
+    move, error, p_value = measure_shift_by_method(quasars.whole, rng)
     components = ", ".join(format_values(move, error))
     return {
         "answer": f"Student's t minus least squares, mean of random subsamples: ({components}) µas/yr",
-        "p_value": p,
+        "p_value": p_value,
     }
 
 
-def _check_source(quasars) -> dict[str, Any]:
+def _check_single_source(quasars) -> dict[str, Any]:
     field = quasars.field
-    row, size, p = find_most_influential_source(field, degree_for(len(field), 3))
+    row, move_in_errors, p_value = find_most_influential_source(field, degree_for(len(field), 3))
     name = f"row {row}" if field.name is None else one_line_text(field.name[row])
-    return {"answer": f"the most influential source, {name}, changes it by {size:.2f} standard errors", "p_value": p}
+    return {
+        "answer": f"the most influential source, {name}, changes it by {move_in_errors:.2f} standard errors",
+        "p_value": p_value,
+    }
 
 
 def _check_earlier_release(quasars, earlier, rng) -> dict[str, Any]:
@@ -147,27 +153,29 @@ def _check_earlier_release(quasars, earlier, rng) -> dict[str, Any]:
         f"of {len(common_names)} sources in both, whose noise is correlated by "
         f"{100 * chain.correlation[0, 1]:.0f} %, it changes by ({components}) µas/yr"
     )
-    formal_p = chain.difference("now").acceleration.p_value
+    formal_p_value = chain.difference("now").acceleration.p_value
     return {
-        "answer": answer, "p_value": comparison.p_value("S"), "at_face_value": formal_p,
+        "answer": answer, "p_value": comparison.p_value("S"), "at_face_value": formal_p_value,
         "results": {"chain": chain, "shared": comparison},
     }  # fmt: skip
 
 
-def _check_maps(quasars, headline, rng) -> dict[str, Any]:
+def _check_property_maps(quasars, headline, rng) -> dict[str, Any]:
     field, lmax = quasars.field, min(quasars.degree, 5)
-    maps = [Template.density("density", field)]
+    templates = [Template.density("density", field)]
     for name in _MAP_COLUMNS:
         if name in quasars.columns and np.nanstd(quasars.columns[name]) > 0:
-            maps.append(Template.of_sources(name, field.lon, field.lat, quasars.columns[name], field.frame))
-    normal = quasars.equations(slice(None), lmax, templates=maps)
+            templates.append(Template.of_sources(name, field.lon, field.lat, quasars.columns[name], field.frame))
+    normal = quasars.equations(slice(None), lmax, templates=templates)
     template_fit = shared([normal], labels=["all sources"], noise_scale=quasars.is_scaled, rng=rng)
     acceleration = template_fit.solutions[0].acceleration
-    plain = solve(quasars.equations(slice(None), lmax))
-    spectrum = None if headline.floor is None else headline.floor.spectrum
-    powers = cross_powers(plain, template_fields(maps, plain.modes, field.frame), spectrum)
+    plain_solution = solve(quasars.equations(slice(None), lmax))
+    systematic_spectrum = None if headline.floor is None else headline.floor.spectrum
+    powers = cross_powers(
+        plain_solution, template_fields(templates, plain_solution.modes, field.frame), systematic_spectrum
+    )
     answer = (
-        f"{', '.join(template.name for template in maps)}; marginalised over these maps, the acceleration is "
+        f"{', '.join(template.name for template in templates)}; marginalised over these maps, the acceleration is "
         f"({', '.join(format_values(acceleration.value, acceleration.sigma))}) µas/yr"
     )
     return {
@@ -186,8 +194,8 @@ _PAIR_BINS = 14
 
 
 @dataclass(frozen=True, eq=False)
-class SectionInput:
-    """Input of a section."""
+class AnalysisInput:
+    """Input of an analysis."""
 
     quasars: Quasars
     headline: Recommended
@@ -202,43 +210,51 @@ class SectionInput:
         return wave_limit(normal, range(2, normal.modes.lmax + 1), systematics=list(SHAPES.values()))
 
 
-def _find_published(paper, name):
-    number = read_papers()[paper].numbers.get(name)
-    if number is None:
+def _find_published_value(paper_key, number_name):
+    published_number = read_papers()[paper_key].numbers.get(number_name)
+    if published_number is None:
         return NO_VALUE
-    value_type = "limit" if number.limit else "size" if name.startswith("|") else "value"
-    return Value(number.value, number.error, value_type)
+    value_type = "limit" if published_number.limit else "size" if number_name.startswith("|") else "value"
+    return Value(published_number.value, published_number.error, value_type)
 
 
-def _make_vector_rows(paper, letter, theirs, ours):
+def _make_vector_rows(paper_key, vector_symbol, theirs, ours):
     """Rows of a vector: its components, those published where the axes are theirs, and its size."""
     rows = [
         Row(
-            f"{letter}_{axis} [µas/yr]",
-            _find_published(paper, f"{letter}_{axis}") if theirs.frame == "icrs" else NO_VALUE,
+            f"{vector_symbol}_{axis} [µas/yr]",
+            _find_published_value(paper_key, f"{vector_symbol}_{axis}") if theirs.frame == "icrs" else NO_VALUE,
             Value(theirs.value[k], theirs.sigma[k]), Value(ours.value[k], ours.sigma[k]),
         )
         for k, axis in enumerate("xyz")
     ]  # fmt: skip
-    return [*rows, Row(f"|{letter}| [µas/yr]", _find_published(paper, f"|{letter}|"), _measure(theirs), _measure(ours))]
+    return [
+        *rows,
+        Row(
+            f"|{vector_symbol}| [µas/yr]",
+            _find_published_value(paper_key, f"|{vector_symbol}|"),
+            _make_size_or_limit(theirs),
+            _make_size_or_limit(ours),
+        ),
+    ]
 
 
-def _measure(vector):
+def _make_size_or_limit(vector):
     """The size of a vector, or its limit where it is not seen."""
     if vector.p_value < SEEN:
         return Value(vector.amplitude, vector.amplitude_error, "size")
     return Value(vector.amplitude_limit(), kind="limit")
 
 
-def _make_p_row(quantity, formal_p, shared_p):
-    return Row(f"p, {quantity}", theirs=Value(formal_p, kind="p"), shared=Value(shared_p, kind="p"))
+def _make_p_value_row(quantity, formal_p_value, shared_p_value):
+    return Row(f"p, {quantity}", theirs=Value(formal_p_value, kind="p"), shared=Value(shared_p_value, kind="p"))
 
 
-def _repeat_acceleration(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_acceleration(inputs: AnalysisInput) -> dict[str, Any]:
     """Clipped, degree 3, errors by the scatter: Klioner et al. 2021."""
     quasars = inputs.quasars
-    fit = clip_quasars(quasars.whole)
-    theirs = fit.solution.scaled.acceleration
+    clipped_fit = clip_quasars(quasars.whole)
+    theirs = clipped_fit.solution.scaled.acceleration
     ours = inputs.headline.acceleration
     rows = _make_vector_rows("klioner2021", "g", theirs, ours)
     for k, name in enumerate(("ra", "dec")):
@@ -247,40 +263,42 @@ def _repeat_acceleration(inputs: SectionInput) -> dict[str, Any]:
                 Value(vector.direction[k], vector.direction_error[k]) if vector.p_value < SEEN else NO_VALUE
                 for vector in (theirs, ours)
             )
-            rows.append(Row(f"{name} [deg]", _find_published("klioner2021", name), *values))
-    counts = (Value(float(n)) for n in (fit.solution.n_sources, len(quasars.whole)))
-    rows.append(Row("sources", _find_published("klioner2021", "sources"), *counts))
+            rows.append(Row(f"{name} [deg]", _find_published_value("klioner2021", name), *values))
+    counts = (Value(float(n)) for n in (clipped_fit.solution.n_sources, len(quasars.whole)))
+    rows.append(Row("sources", _find_published_value("klioner2021", "sources"), *counts))
     return {"rows": rows, "verdict": inputs.headline.answer.sentence, "p_value": ours.p_value}
 
 
-def _repeat_frame(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_reference_frame(inputs: AnalysisInput) -> dict[str, Any]:
     """Spin, what is systematic, bright and faint: Gaia-CRF3."""
     quasars, headline = inputs.quasars, inputs.headline
     theirs = fit_field(quasars.field, degree_for(len(quasars.field), 3)).scaled
     rows = _make_vector_rows("crf3", "ω", theirs.spin, headline.solution.spin)
     results, remark = {}, ""
     if (systematic_floor := headline.floor) is not None:
-        plain = solve(quasars.normal)
-        power = sum(row.debiased for row in spectrum(plain) if row.l > 1)
+        plain_solution = solve(quasars.normal)
+        power = sum(degree.debiased for degree in spectrum(plain_solution) if degree.l > 1)
         fit_rms = Value(float(np.sqrt(max(power, 0) / (4 * np.pi))))
-        variances = systematic_floor.spectrum.variances(plain.modes)[plain.modes.degrees > 1]
+        variances = systematic_floor.spectrum.variances(plain_solution.modes)[plain_solution.modes.degrees > 1]
         floor_rms = Value(float(np.sqrt(sum(variances) / (4 * np.pi))))
-        quantity = f"motions of degrees 2–{plain.modes.lmax}, rms [µas/yr]"
-        rows.append(Row(quantity, _find_published("crf3", "systematic motions"), fit_rms, floor_rms))
+        quantity = f"motions of degrees 2–{plain_solution.modes.lmax}, rms [µas/yr]"
+        rows.append(Row(quantity, _find_published_value("crf3", "systematic motions"), fit_rms, floor_rms))
     try:
         comparison = compare_classes(quasars, Classes.by_edges("G", _G_EDGES, quasars.column("G")), inputs.rng)
-        p_values = comparison.at_face_value("T"), comparison.shared.equality("T")
-        rows.append(_make_p_row("bright and faint sources have the same spin", *p_values))
+        p_values = comparison.compute_formal_p_value("T"), comparison.shared.equality("T")
+        rows.append(_make_p_value_row("bright and faint sources have the same spin", *p_values))
         results["magnitudes"] = comparison.shared
     except VshError as error:
         remark = f"; bright and faint sources are not compared: {error}"
-    p = headline.spin.p_value
+    p_value = headline.spin.p_value
     limit = headline.solution.spin.amplitude_limit()
-    verdict = format_verdict(p, f"no spin is detected, < {limit:.3g} µas/yr (95 %)", "the frame of these sources turns")
-    return {"rows": rows, "verdict": verdict + remark, "p_value": p, "results": results}
+    verdict = format_verdict(
+        p_value, f"no spin is detected, < {limit:.3g} µas/yr (95 %)", "the frame of these sources turns"
+    )
+    return {"rows": rows, "verdict": verdict + remark, "p_value": p_value, "results": results}
 
 
-def _repeat_learnt_redshifts(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_redshift_bins(inputs: AnalysisInput) -> dict[str, Any]:
     """Three bins of redshift, degree 3: Makarov 2025."""
     z = inputs.quasars.column("redshift")
     comparison = compare_classes(inputs.quasars, Classes.by_edges("z", _Z_EDGES, z).within(z >= 1), inputs.rng, lmax=3)
@@ -290,7 +308,9 @@ def _repeat_learnt_redshifts(inputs: SectionInput) -> dict[str, Any]:
 def _make_redshift_contents(comparison, published_text):
     verdict = comparison.verdict
     rows = [
-        _make_p_row(f"one {name} at all redshifts", comparison.at_face_value(kind), comparison.shared.equality(kind))
+        _make_p_value_row(
+            f"one {name} at all redshifts", comparison.compute_formal_p_value(kind), comparison.shared.equality(kind)
+        )
         for kind, name in (("T", "spin"), ("S", "acceleration"))
     ]
     sentence = format_verdict(
@@ -302,38 +322,42 @@ def _make_redshift_contents(comparison, published_text):
     }  # fmt: skip
 
 
-def _repeat_position_drift(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_dipole_and_quadrupole(inputs: AnalysisInput) -> dict[str, Any]:
     """Dipole and quadrupole by redshift: Tsigkas Kouvelis et al. 2025."""
     quasars = inputs.quasars
     comparison = compare_classes(quasars, Classes.by_parts("z", quasars.column("redshift"), 4), inputs.rng, lmax=2)
     contents = _make_redshift_contents(comparison, read_papers()["tsigkas2025"].words)
-    row, formal_p, p = _make_quadrupole_row(quasars, inputs.headline)
-    contents["rows"].append(row)
-    if np.isfinite(p):
-        null_text = "no quadrupole is detected" if formal_p >= SEEN else "the quadrupole is systematic errors"
-        sentence = format_verdict(p, null_text, "a quadrupole beyond systematic errors")
-        contents |= {"verdict": f"{sentence}; {contents['verdict']}", "p_value": p}
+    quadrupole_row, formal_p_value, shared_p_value = _make_quadrupole_row_and_p_values(quasars, inputs.headline)
+    contents["rows"].append(quadrupole_row)
+    if np.isfinite(shared_p_value):
+        null_text = "no quadrupole is detected" if formal_p_value >= SEEN else "the quadrupole is systematic errors"
+        sentence = format_verdict(shared_p_value, null_text, "a quadrupole beyond systematic errors")
+        contents |= {"verdict": f"{sentence}; {contents['verdict']}", "p_value": shared_p_value}
     return contents
 
 
-def _make_quadrupole_row(quasars, headline):
+def _make_quadrupole_row_and_p_values(quasars, headline):
     """p-values of no quadrupole: with formal errors, and as one of the degrees that sources share."""
-    plain = solve(quasars.normal)
-    values, covariance = select_degree(plain, 2)
-    formal_p, shared_p = _compute_chi2_p_value(values, covariance), float("nan")
+    plain_solution = solve(quasars.normal)
+    values, covariance = select_degree_coefficients(plain_solution, 2)
+    formal_p_value, shared_p_value = _compute_chi2_p_value(values, covariance), float("nan")
     # Degrees from 3 on tell systematic errors; the quadrupole must not judge itself.
-    if plain.modes.lmax > 3:
-        systematic_floor = floor(plain, range(3, plain.modes.lmax + 1))
-        systematic = np.diag(systematic_floor.spectrum.variances(plain.modes)[plain.modes.degrees == 2])
-        shared_p = _compute_chi2_p_value(values, covariance * systematic_floor.noise_scale**2 + systematic)
-    return _make_p_row("no quadrupole", formal_p, shared_p), formal_p, shared_p
+    if plain_solution.modes.lmax > 3:
+        systematic_floor = floor(plain_solution, range(3, plain_solution.modes.lmax + 1))
+        systematic_covariance = np.diag(
+            systematic_floor.spectrum.variances(plain_solution.modes)[plain_solution.modes.degrees == 2]
+        )
+        shared_p_value = _compute_chi2_p_value(
+            values, covariance * systematic_floor.noise_scale**2 + systematic_covariance
+        )
+    return _make_p_value_row("no quadrupole", formal_p_value, shared_p_value), formal_p_value, shared_p_value
 
 
 def _compute_chi2_p_value(values, covariance):
     return float(chdtrc(len(values), values @ np.linalg.solve(covariance, values)))
 
 
-def _repeat_expansion(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_expansion(inputs: AnalysisInput) -> dict[str, Any]:
     """Anisotropic expansion in five bins of redshift: Makarov, Heinesen & Schücker 2026."""
     quasars = inputs.quasars
     z = quasars.column("redshift")
@@ -343,117 +367,131 @@ def _repeat_expansion(inputs: SectionInput) -> dict[str, Any]:
     degree = degree_for(min(mask.sum() for _, mask in classes), 5, least=3, per_mode=4)
     masks = [mask for _, mask in classes]
     normals = extend_degrees([quasars.equations(mask, degree) for mask in masks], quasars.equations, masks)
-    result = compare_expansions(
+    comparison = compare_expansions(
         normals, [float(z[mask].mean()) for mask in masks], degrees=range(2, degree + 1), labels=classes.labels,
         noise_scale=quasars.is_scaled, rng=inputs.rng,
     )  # fmt: skip
-    plain = [expansion(solve(quasars.plain_equations(mask, 2))) for mask in masks]
+    plain_expansions = [expansion(solve(quasars.plain_equations(mask, 2))) for mask in masks]
     rows = [
         Row(f"|Σ|, {label} [µas/yr]", theirs=Value(plain_shear.norm), shared=Value(shear.limit(), kind="limit"))
-        for label, plain_shear, shear in zip(classes.labels, plain, result.shears, strict=True)
+        for label, plain_shear, shear in zip(classes.labels, plain_expansions, comparison.shears, strict=True)
     ]
-    smallest = min(range(len(result)), key=result.p_value)
+    smallest_index = min(range(len(comparison)), key=comparison.p_value)
     rows += [
-        _make_p_row(f"no expansion, {classes.labels[smallest]}", plain[smallest].p_value, result.p_value(smallest)),
-        _make_p_row("the same in all bins", float("nan"), result.equality()),
-        _make_p_row("no growth with redshift", float("nan"), result.growth()),
+        _make_p_value_row(
+            f"no expansion, {classes.labels[smallest_index]}",
+            plain_expansions[smallest_index].p_value,
+            comparison.p_value(smallest_index),
+        ),
+        _make_p_value_row("the same in all bins", float("nan"), comparison.equality()),
+        _make_p_value_row("no growth with redshift", float("nan"), comparison.growth()),
     ]
-    p = min(1.0, len(result) * result.p_value(smallest))
-    growth = format_verdict(result.growth(), "no growth with redshift", "it changes with redshift")
-    quadrupole = format_verdict(
-        p, "no anisotropic expansion beyond systematic errors", "the expansion differs from axis to axis"
+    p_value = min(1.0, len(comparison) * comparison.p_value(smallest_index))
+    growth_text = format_verdict(comparison.growth(), "no growth with redshift", "it changes with redshift")
+    expansion_text = format_verdict(
+        p_value, "no anisotropic expansion beyond systematic errors", "the expansion differs from axis to axis"
     )
-    verdict = f"{quadrupole}; {growth}; published: {read_papers()['makarov2026'].words}"
-    return {"rows": rows, "verdict": verdict, "p_value": p, "results": {"expansion": result}}
+    verdict = f"{expansion_text}; {growth_text}; published: {read_papers()['makarov2026'].words}"
+    return {"rows": rows, "verdict": verdict, "p_value": p_value, "results": {"expansion": comparison}}
 
 
-def _repeat_waves(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_wave_limit(inputs: AnalysisInput) -> dict[str, Any]:
     """Waves longer than the observations, by harmonics and by pairs: Jaraba et al. 2023, Darling 2024."""
     theirs = wave_limit(normal_equations(inputs.quasars.whole, 2)).limit(prior="coefficients")
-    harmonics = inputs.wave_limit
+    limit_by_harmonics = inputs.wave_limit
     rows = [
-        Row("h70² Ω, Gaia DR3 (Jaraba)", _find_published("jaraba2023", "h70² Ω, Gaia"), Value(theirs, kind="limit")),
-        Row("h70² Ω, VLBA (Jaraba)", _find_published("jaraba2023", "h70² Ω, VLBA"), Value(theirs, kind="limit")),
         Row(
-            "h70² Ω, degree 2", _find_published("darling2024", "h70² Ω, degree 2"), Value(theirs, kind="limit"),
-            Value(harmonics.limit(), kind="limit"),
+            "h70² Ω, Gaia DR3 (Jaraba)", _find_published_value("jaraba2023", "h70² Ω, Gaia"),
+            Value(theirs, kind="limit"),
+        ),
+        Row("h70² Ω, VLBA (Jaraba)", _find_published_value("jaraba2023", "h70² Ω, VLBA"), Value(theirs, kind="limit")),
+        Row(
+            "h70² Ω, degree 2", _find_published_value("darling2024", "h70² Ω, degree 2"), Value(theirs, kind="limit"),
+            Value(limit_by_harmonics.limit(), kind="limit"),
         ),
     ]  # fmt: skip
-    verdict = f"gravitational waves: h70² Ω < {harmonics.limit():.3g} (95 %), marginalised over systematic errors"
-    return {"rows": rows, "verdict": verdict, "results": {"waves": harmonics}}
+    verdict = (
+        f"gravitational waves: h70² Ω < {limit_by_harmonics.limit():.3g} (95 %), marginalised over systematic errors"
+    )
+    return {"rows": rows, "verdict": verdict, "results": {"waves": limit_by_harmonics}}
 
 
-def _repeat_pairs(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_waves_by_pairs(inputs: AnalysisInput) -> dict[str, Any]:
     """Waves by pairs beside harmonics: Akhmetov et al. 2026, Darling 2024."""
     quasars = inputs.quasars
     correlation = pairs.correlation_function(quasars.field, np.linspace(0, np.pi, _PAIR_BINS + 2))
-    fitted = correlation.fit()
-    k = fitted.names.index("waves")
-    (lower, upper), value = fitted.interval()[k], Value(*fitted["waves"])
-    harmonics = inputs.wave_limit
+    amplitudes = correlation.fit()
+    waves_index = amplitudes.names.index("waves")
+    (lower, upper), waves_value = amplitudes.interval()[waves_index], Value(*amplitudes["waves"])
+    limit_by_harmonics = inputs.wave_limit
     rows = [
-        Row("h70² Ω by pairs", theirs=value),
-        Row("h70² Ω by pairs, 95 %", _find_published("darling2024", "h70² Ω, pairs"), Value(upper, kind="limit")),
-        Row("h70² Ω by harmonics", shared=Value(harmonics.limit(), kind="limit")),
+        Row("h70² Ω by pairs", theirs=waves_value),
+        Row("h70² Ω by pairs, 95 %", _find_published_value("darling2024", "h70² Ω, pairs"), Value(upper, kind="limit")),
+        Row("h70² Ω by harmonics", shared=Value(limit_by_harmonics.limit(), kind="limit")),
     ]
     verdict = (
         f"{lower:.2g} < h70² Ω < {upper:.2g} (95 %) from pairs, where systematic errors count as waves; "
-        f"h70² Ω < {harmonics.limit():.2g} (95 %) from harmonics"
+        f"h70² Ω < {limit_by_harmonics.limit():.2g} (95 %) from harmonics"
     )
     return {"rows": rows, "verdict": verdict, "results": {"pairs": correlation}}
 
 
-def _repeat_spectrum(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_error_growth(inputs: AnalysisInput) -> dict[str, Any]:
     """The acceleration with all higher degrees free, and how far its errors grow: Nguyen & Murray 2026."""
     quasars, ours = inputs.quasars, inputs.headline.acceleration
     theirs = solve(quasars.normal).acceleration
     rows = _make_vector_rows("nguyen2026", "g", theirs, ours)
-    growth = float(np.mean(ours.sigma / clip_quasars(quasars.whole).solution.acceleration.sigma))
-    rows.append(Row("errors of the headline / formal errors, clipped, degree 3", shared=Value(growth)))
+    error_growth = float(np.mean(ours.sigma / clip_quasars(quasars.whole).solution.acceleration.sigma))
+    rows.append(Row("errors of the headline / formal errors, clipped, degree 3", shared=Value(error_growth)))
     lower, upper = (read_papers()["nguyen2026"][f"errors, {bound}"].value for bound in ("at least", "at most"))
     verdict = (
         f"errors of the acceleration{', systematic errors included,' * (inputs.headline.floor is not None)} are "
-        f"{growth:.2f} times the formal errors of a clipped fit to degree 3; published: {lower:g} to {upper:g} times"
+        f"{error_growth:.2f} times the formal errors of a clipped fit to degree 3; published: {lower:g} to {upper:g} "
+        "times"
     )
     results = {} if inputs.headline.floor is None else {"floor": inputs.headline.floor}
     return {"rows": rows, "verdict": verdict, "results": results}
 
 
-def _repeat_galaxies(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_galaxy_motions(inputs: AnalysisInput) -> dict[str, Any]:
     """Our motion past galaxies: Maloney et al. 2026."""
     z = inputs.quasars.column("redshift")
     is_near = (z > 0.002) & (z < _MAX_Z)
     if is_near.sum() < _MIN_GALAXIES:
         raise DegeneracyError(f"only {is_near.sum()} sources with z < {_MAX_Z:g}; at least {_MIN_GALAXIES} are needed")
     galaxies = with_redshift(inputs.quasars.field[is_near], redshift_frame="heliocentric")
-    theirs, flowing = (observer_velocity(galaxies, 67.4, flows=flows).velocity for flows in (None, "linear"))
+    theirs, with_flows = (observer_velocity(galaxies, 67.4, flows=flows).velocity for flows in (None, "linear"))
     # What the paper saw none of; the microwave background's dipole says what there is.
-    expected = CMB_VELOCITY_PLANCK18.to_frame(flowing.frame).value
+    expected_velocity = CMB_VELOCITY_PLANCK18.to_frame(with_flows.frame).value
     rows = [
-        Row(f"v_{axis} [km/s], {expected[k]:+.0f} expected", theirs=Value(theirs.value[k], theirs.sigma[k]),
-            shared=Value(flowing.value[k], flowing.sigma[k])) for k, axis in enumerate("xyz")
+        Row(f"v_{axis} [km/s], {expected_velocity[k]:+.0f} expected", theirs=Value(theirs.value[k], theirs.sigma[k]),
+            shared=Value(with_flows.value[k], with_flows.sigma[k])) for k, axis in enumerate("xyz")
     ]  # fmt: skip
-    p = flowing.p_value
-    return {"rows": rows, "verdict": format_verdict(p, "no motion is seen", "our motion is seen"), "p_value": p}
+    p_value = with_flows.p_value
+    return {
+        "rows": rows,
+        "verdict": format_verdict(p_value, "no motion is seen", "our motion is seen"),
+        "p_value": p_value,
+    }
 
 
 _ANALYSES = (
     ("klioner2021", "The acceleration of the Solar System", _repeat_acceleration),
-    ("crf3", "The reference frame: spin, systematic errors, bright and faint sources", _repeat_frame),
-    ("makarov2025", "Three bins of redshift", _repeat_learnt_redshifts),
-    ("tsigkas2025", "Dipole and quadrupole by redshift", _repeat_position_drift),
+    ("crf3", "The reference frame: spin, systematic errors, bright and faint sources", _repeat_reference_frame),
+    ("makarov2025", "Three bins of redshift", _repeat_redshift_bins),
+    ("tsigkas2025", "Dipole and quadrupole by redshift", _repeat_dipole_and_quadrupole),
     ("makarov2026", "Anisotropic expansion by redshift", _repeat_expansion),
-    ("darling2024", "Gravitational waves by harmonics", _repeat_waves),
-    ("akhmetov2026", "Gravitational waves by pairs", _repeat_pairs),
-    ("nguyen2026", "The spectrum, and wider errors", _repeat_spectrum),
-    ("maloney2026", "Motions of galaxies", _repeat_galaxies),
+    ("darling2024", "Gravitational waves by harmonics", _repeat_wave_limit),
+    ("akhmetov2026", "Gravitational waves by pairs", _repeat_waves_by_pairs),
+    ("nguyen2026", "The spectrum, and wider errors", _repeat_error_growth),
+    ("maloney2026", "Motions of galaxies", _repeat_galaxy_motions),
 )
 
 
-def repeat_all(quasars: Quasars, headline: Recommended, rng: Rng) -> list[Analysis]:
+def repeat_all_analyses(quasars: Quasars, headline: Recommended, rng: Rng) -> list[Analysis]:
     """Repeat all published analyses; one that cannot be done says why."""
-    repeated, inputs = [], SectionInput(quasars, headline, rng)
+    analyses, inputs = [], AnalysisInput(quasars, headline, rng)
     for key, title, repeat_analysis in progress_bar(_ANALYSES, words="published analyses", unit="analysis"):
         contents = _make_contents_or_reason(partial(repeat_analysis, inputs))
-        repeated.append(Analysis(title, read_papers()[key], **contents | {"rows": tuple(contents.get("rows", ()))}))
-    return repeated
+        analyses.append(Analysis(title, read_papers()[key], **contents | {"rows": tuple(contents.get("rows", ()))}))
+    return analyses

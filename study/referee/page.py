@@ -15,7 +15,7 @@ from vsh.tools.digits import printed_p_value
 from vsh.tools.types import Axes
 
 
-def draw(referee: Referee) -> dict[str, Any]:
+def draw_figures(referee: Referee) -> dict[str, Any]:
     """All figures, by name."""
     solution = referee.headline.solution
     figures = {
@@ -31,26 +31,27 @@ def draw(referee: Referee) -> dict[str, Any]:
 def plot_accelerations(sections: Sequence[Analysis], *, ax: Axes | None = None) -> Axes:
     """Components of g by each paper that has them: published, and ours its way; and the recommended fit, once."""
     (axes,) = panels(ax, size=(WIDTH, 2.6))
-    lines: list[tuple[str, list[Value]]] = []
+    labelled_components: list[tuple[str, list[Value]]] = []
     recommended_lines: list[tuple[str, list[Value]]] = []
     for section in sections:
         rows = {row.quantity[:3]: row for row in section.rows if row.quantity.startswith("g_")}
         if len(rows) == 3:
             citation = section.paper.citation
             for attr, label in (("published", citation), ("theirs", f"{citation}, here")):
-                lines.append((label, [getattr(rows[f"g_{axis}"], attr) for axis in "xyz"]))
+                labelled_components.append((label, [getattr(rows[f"g_{axis}"], attr) for axis in "xyz"]))
             recommended_lines = [("recommended fit", [rows[f"g_{axis}"].shared for axis in "xyz"])]
-    lines += recommended_lines
-    y = -np.arange(len(lines))
+    labelled_components += recommended_lines
+    y = -np.arange(len(labelled_components))
     for k, (axis, colour) in enumerate(zip("xyz", COLOURS, strict=False)):
         values, errors = (
-            np.array([getattr(components[k], attr) for _, components in lines], float) for attr in ("value", "error")
+            np.array([getattr(components[k], attr) for _, components in labelled_components], float)
+            for attr in ("value", "error")
         )
         axes.errorbar(
             values, y + 0.18 * (1 - k), xerr=np.nan_to_num(errors), fmt="os^"[k], color=colour, markersize=3,
             label=f"$g_{axis}$",
         )  # fmt: skip
-    axes.set_yticks(y, [label for label, _ in lines])
+    axes.set_yticks(y, [label for label, _ in labelled_components])
     axes.axvline(0, color="0.7", linewidth=0.6, zorder=0)
     axes.set_xlabel("acceleration  [µas/yr]")
     legend_above(axes, 3)
@@ -60,35 +61,46 @@ def plot_accelerations(sections: Sequence[Analysis], *, ax: Axes | None = None) 
 @apply_style
 def plot_checks(checks: Sequence[Check], *, ax: Axes | None = None) -> Axes:
     """p-values of the checks, with systematic errors and by the formal errors alone."""
-    tests = [check for check in checks if np.isfinite(check.p_value)]
-    (axes,) = panels(ax, size=(WIDTH, 0.8 + 0.17 * max(len(tests), 3)))
-    y = -np.arange(len(tests))
+    testable_checks = [check for check in checks if np.isfinite(check.p_value)]
+    (axes,) = panels(ax, size=(WIDTH, 0.8 + 0.17 * max(len(testable_checks), 3)))
+    y = -np.arange(len(testable_checks))
     axes.semilogx(
-        [check.p_value for check in tests], y, "o", color=COLOURS[0], markersize=4, label="with systematic errors"
+        [check.p_value for check in testable_checks],
+        y,
+        "o",
+        color=COLOURS[0],
+        markersize=4,
+        label="with systematic errors",
     )
-    axes.semilogx([check.at_face_value for check in tests], y, "x", color="0.5", markersize=4, label="formal errors")
+    axes.semilogx(
+        [check.at_face_value for check in testable_checks], y, "x", color="0.5", markersize=4, label="formal errors"
+    )
     axes.axvline(SEEN, color="0.5", linestyle="--", linewidth=0.7)
     axes.axvline(HINT, color="0.7", linestyle=":", linewidth=0.7)
     for level in (SEEN, HINT):
         position = {"xy": (level, 0), "xycoords": axes.get_xaxis_transform(), "xytext": (2, 3)}
         axes.annotate(f"{level:g}", textcoords="offset points", fontsize="x-small", color="0.4", **position)
-    lowest = [value for check in tests for value in (check.p_value, check.at_face_value) if value > 0]
-    axes.set_xlim(max(min([1e-3, *(value / 3 for value in lowest)]), 1e-12), 1.5)
-    axes.set_yticks(y, [check.key for check in tests])
+    positive_p_values = [
+        value for check in testable_checks for value in (check.p_value, check.at_face_value) if value > 0
+    ]
+    axes.set_xlim(max(min([1e-3, *(value / 3 for value in positive_p_values)]), 1e-12), 1.5)
+    axes.set_yticks(y, [check.key for check in testable_checks])
     axes.set_xlabel("p-value")
     legend_above(axes, 2)
     return axes
 
 
-def html(
+def make_html_page(
     referee: Referee, figures: Mapping[str, Any], *, provenance: Mapping[str, Any], command: Sequence[str] | None = None
 ) -> str:
     """The page: first the acceleration with systematic errors, then a section for each analysis, then the checks."""
     solution, quasars = referee.headline.solution, referee.quasars
-    sky = page.ShownSolution("with systematic errors", quasars.whole, solution.coefficients, solution.covariance)
+    shown_solution = page.ShownSolution(
+        "with systematic errors", quasars.whole, solution.coefficients, solution.covariance
+    )
     remaining_figures = dict(figures)
     overview = {name: remaining_figures.pop(name) for name in _CAPTIONS if name in remaining_figures}
-    sky_panel = page.sky(sky)
+    sky_panel = page.sky(shown_solution)
     if sky_panel.html:
         remaining_figures.pop("sky", None)
     page_panels = [
@@ -101,8 +113,8 @@ def html(
         page.notes(quasars.field.notes),
         page.provenance(dict(provenance), command),
     ]
-    name = Path(quasars.label).name  # a page goes where its folders do not
-    lead = f"{name} — {len(quasars.whole)} sources, {solution.frame.replace('icrs', 'ICRS')} axes"
+    catalogue_name = Path(quasars.label).name  # a page goes where its folders do not
+    lead = f"{catalogue_name} — {len(quasars.whole)} sources, {solution.frame.replace('icrs', 'ICRS')} axes"
     return page.page("What the motions of these quasars say", page_panels, lead=lead)
 
 
@@ -126,16 +138,16 @@ _CHECKS_TEXT = (
 
 def _make_analysis_panel(section: Analysis, figures: dict[str, Any]) -> page.Panel:
     """Numbers of one analysis: published, with the published method, with systematic errors; and its figures."""
-    about = page.paragraph(f"{section.paper.reference}; {section.paper.data}", "faint")
+    about_panel = page.paragraph(f"{section.paper.reference}; {section.paper.data}", "faint")
     if section.lacking:
-        return page.heading(section.title, about, page.paragraph(f"Not done: {section.lacking}."))
+        return page.heading(section.title, about_panel, page.paragraph(f"Not done: {section.lacking}."))
     rows = [[row.quantity, *map(str, (row.published, row.theirs, row.shared))] for row in section.rows]
-    heads = ["", "published", "ours, published method", "ours, systematic errors included"]
-    names = [f"{section.paper.key}_{name}" for name in section.results]
-    section_figures = {name: figures.pop(name) for name in names if name in figures}
+    column_heads = ["", "published", "ours, published method", "ours, systematic errors included"]
+    figure_names = [f"{section.paper.key}_{name}" for name in section.results]
+    section_figures = {name: figures.pop(name) for name in figure_names if name in figures}
     captions = {name: _SECTION_CAPTIONS.get(name.partition("_")[2], section.title) for name in section_figures}
     return page.heading(
-        section.title, about, page.paragraph(f"Verdict: {section.verdict}."), page.table(heads, rows),
+        section.title, about_panel, page.paragraph(f"Verdict: {section.verdict}."), page.table(column_heads, rows),
         page.figure_panels(section_figures, captions) if section_figures else page.Panel(""),
     )  # fmt: skip
 

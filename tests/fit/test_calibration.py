@@ -12,7 +12,7 @@ import sim
 from fit.normal.sums import leverage, sandwich, weighted_matrix
 from fit.posterior import Flat, Normal, _priors, grid, sample
 from fit.redshift import binned, permutation_test
-from fit.robust import clip, excess_noise, student_t, truncation_factors
+from fit.robust import clip, compute_truncation_factors, excess_noise, student_t
 from vsh import Field, Modes
 from vsh.basis import harmonics
 from vsh.io.parts import as_parts
@@ -57,10 +57,10 @@ def test_clipped_errors(kappa):
 
 def test_factors_of_a_clip():
     for kappa, factor in ((3, 1.006), (2.5, 1.030), (2, 1.108), (1.5, 1.308)):
-        assert np.sqrt(truncation_factors(kappa**2 * np.log(2))[0]) == pytest.approx(factor, abs=5e-4)
+        assert np.sqrt(compute_truncation_factors(kappa**2 * np.log(2))[0]) == pytest.approx(factor, abs=5e-4)
     # The definition: X²/2 of two components is exponential, cut off at q.
     x = np.random.default_rng(1).exponential(size=10**6)
-    assert truncation_factors(2.0)[1] == pytest.approx(x[x < 2].mean(), abs=3e-3)
+    assert compute_truncation_factors(2.0)[1] == pytest.approx(x[x < 2].mean(), abs=3e-3)
 
 
 @pytest.mark.slow

@@ -53,7 +53,7 @@ def test_errors_are_the_scatter(method):
 
 def test_numbers_of_draws_are_poisson():
     """Their table has mean 1 and variance 0.99997 over all 2¹⁶ entries, and e⁻¹ of them are zero."""
-    draws = resample._POISSON.astype(float) + 1
+    draws = resample._POISSON_DEVIATIONS.astype(float) + 1
     assert draws.mean() == pytest.approx(1, abs=1e-4)
     assert draws.var() == pytest.approx(1, abs=1e-3)
     assert np.mean(draws == 0) == pytest.approx(np.exp(-1), abs=1e-4)
@@ -114,7 +114,7 @@ def test_errors_hold_where_few_sources_have_all_the_weight(n, lmax, few):
 def test_advice_on_blocks_says_where_errors_still_grow():
     rows = [resample.BlockErrors(k, 58.6 / k, 12 * k**2, 1.0, 0.1, None) for k in (8, 4, 2)]
     for tried, best, grows in ((rows, rows[-1], True), (rows, rows[0], False), (rows[:1], rows[0], False)):
-        assert ("errors still grow" in resample._format_advice(tried, best)) == grows
+        assert ("errors still grow" in resample._format_block_advice(tried, best)) == grows
 
 
 @few_or_many(40, 300, "skies")

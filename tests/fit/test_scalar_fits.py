@@ -9,7 +9,7 @@ from scipy.special import chdtri
 
 import fit
 from fit.resample import block_bootstrap, bootstrap, jackknife
-from fit.robust import truncation_factors
+from fit.robust import compute_truncation_factors
 from vsh import (
     ConvergenceError,
     FieldError,
@@ -103,7 +103,7 @@ def test_truncation_of_one_component():
     x = np.random.default_rng(1).normal(size=2_000_000)
     limit = float(chdtri(1, 0.1))
     kept = x**2 < limit
-    variance, share = truncation_factors(limit / 2, 1)
+    variance, share = compute_truncation_factors(limit / 2, 1)
     assert share == pytest.approx(np.mean(x[kept] ** 2), abs=3e-3)
     assert variance == pytest.approx(1 / share)
 

@@ -10,7 +10,7 @@ from fit.results.output._text import (
     answer_of,
     format_amplitude,
     format_components,
-    is_scalar,
+    is_of_scalar_field,
     powers_table,
     vectors_of,
     vectors_table,
@@ -27,16 +27,16 @@ from vsh.tools.digits import decimals_of_error, format_with_error, printed_p_val
 from vsh.tools.printing import latex_text
 from vsh.tools.types import FloatArray, PathName, Table
 
-_SYMBOLS = {"spin": r"Spin $\omega$", "acceleration": r"Acceleration $\tilde a$"}
+_LATEX_VECTOR_NAMES = {"spin": r"Spin $\omega$", "acceleration": r"Acceleration $\tilde a$"}
 #: Rules of each style: above, within and below; siunitx takes those of booktabs.
-_RULES = {
+_TABLE_RULES = {
     "booktabs": (r"\toprule", r"\midrule", r"\bottomrule"),
     "siunitx": (r"\toprule", r"\midrule", r"\bottomrule"),
     "aa": (r"\hline\hline", r"\hline", r"\hline"),
     "mnras": (r"\hline", r"\hline", r"\hline"),
     "aastex": ("", r"\hline", ""),
 }
-_STYLES = tuple(_RULES)
+_TABLE_STYLES = tuple(_TABLE_RULES)
 
 
 def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answer: Answer | None = None) -> str:
@@ -53,62 +53,65 @@ def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answ
     answer : Answer, optional
         The lines to quote, for the caption; those of the solution unless given.
     """
-    top_rule, mid_rule, bottom_rule = _RULES[choice("style", style, _STYLES)]
+    top_rule, mid_rule, bottom_rule = _TABLE_RULES[choice("style", style, _TABLE_STYLES)]
     unit = latex_text(solution.unit)
-    head = r" & $x$ & $y$ & $z$ & amplitude \\"
+    head_row = r" & $x$ & $y$ & $z$ & amplitude \\"
     units = rf" & \multicolumn{{4}}{{c}}{{({unit})}} \\" if unit else ""
-    body = []
-    if is_scalar(solution):
+    body_rows = []
+    if is_of_scalar_field(solution):
         value, error = solution.mean
-        body.append(rf"Mean & {_format_number(format_with_error(value, error, '+'), style)} & & & \\")
+        body_rows.append(rf"Mean & {_format_latex_number(format_with_error(value, error, '+'), style)} & & & \\")
     for name, vector in reversed(vectors_of(solution).items()):
-        cells = [_format_number(cell, style) for cell in (*format_components(vector), format_amplitude(vector))]
-        body.append(rf"{_SYMBOLS.get(name, name.capitalize())} & " + " & ".join(cells) + r" \\")
+        cells = [_format_latex_number(cell, style) for cell in (*format_components(vector), format_amplitude(vector))]
+        body_rows.append(rf"{_LATEX_VECTOR_NAMES.get(name, name.capitalize())} & " + " & ".join(cells) + r" \\")
     if full:
-        body += [mid_rule, *_format_powers(solution, style)]
-    caption = _format_caption(solution, answer_of(solution) if answer is None else answer)
-    label = r"\label{tab:vsh-scalar}" if is_scalar(solution) else r"\label{tab:vsh}"
+        body_rows += [mid_rule, *_format_latex_power_rows(solution, style)]
+    caption = _format_latex_caption(solution, answer_of(solution) if answer is None else answer)
+    label = r"\label{tab:vsh-scalar}" if is_of_scalar_field(solution) else r"\label{tab:vsh}"
     if style == "aastex":
-        heads = " & ".join(rf"\colhead{{{column}}}" for column in ("", "$x$", "$y$", "$z$", "amplitude"))
+        column_heads = " & ".join(rf"\colhead{{{column}}}" for column in ("", "$x$", "$y$", "$z$", "amplitude"))
         unit_row = rf"\\ \colhead{{}} & \multicolumn4c{{({unit})}}" if unit else ""
         lines = [
             r"\begin{deluxetable*}{lcccc}",
             rf"\tablecaption{{{caption}{label}}}",
-            rf"\tablehead{{{heads}{unit_row}}}",
+            rf"\tablehead{{{column_heads}{unit_row}}}",
             r"\startdata",
-            *body[:-1],
-            body[-1].removesuffix(r" \\"),
+            *body_rows[:-1],
+            body_rows[-1].removesuffix(r" \\"),
             r"\enddata",
             r"\end{deluxetable*}",
         ]
     else:
         lines = [r"\begin{table*}", rf"\caption{{{caption}}}", label, r"\centering", r"\begin{tabular}{lcccc}"]
-        lines += [top_rule, head, units, mid_rule, *body, bottom_rule, r"\end{tabular}", r"\end{table*}"]
+        lines += [top_rule, head_row, units, mid_rule, *body_rows, bottom_rule, r"\end{tabular}", r"\end{table*}"]
     return "\n".join(line for line in lines if line) + "\n"
 
 
-def _format_powers(solution, style):
+def _format_latex_power_rows(solution, style):
     """Rows of the power of each degree, without its noise."""
-    lines = [rf"Power & noise-debiased & error & $p$-value & {_format_latex_squared_unit(solution.unit)} \\"]
+    rows = [rf"Power & noise-debiased & error & $p$-value & {_format_latex_squared_unit(solution.unit)} \\"]
     for power in spectrum(solution):
-        digits = decimals_of_error(power.error)
-        texts = (*(f"{value:.{digits}f}" for value in (power.debiased, power.error)), printed_p_value(power.p_value))
-        cells = " & ".join(_format_number(text, style) for text in texts)
-        lines.append(rf"$P^{{\rm {power.kind}}}_{{{power.l}}}$ & {cells} & \\")
-    return lines
+        n_decimals = decimals_of_error(power.error)
+        texts = (
+            *(f"{value:.{n_decimals}f}" for value in (power.debiased, power.error)),
+            printed_p_value(power.p_value),
+        )
+        cells = " & ".join(_format_latex_number(text, style) for text in texts)
+        rows.append(rf"$P^{{\rm {power.kind}}}_{{{power.l}}}$ & {cells} & \\")
+    return rows
 
 
-def _format_caption(solution, answer):
+def _format_latex_caption(solution, answer):
     """Caption: what was fitted to what, and the answer where the vectors have one."""
-    names = ["mean"] * is_scalar(solution) + list(reversed(vectors_of(solution)))
+    names = ["mean"] * is_of_scalar_field(solution) + list(reversed(vectors_of(solution)))
     subject = " and ".join(names).capitalize()
-    facts = [
+    sentences = [
         f"{subject} of {solution.n_sources} {'sources' if solution.unit else 'values'}, "
         f"{format_frame_name(solution.frame)} axes, degrees {solution.modes.lowest} to {solution.modes.lmax}, "
         f"χ²/dof = {solution.reduced_chi2:.3f}"
     ]
-    facts += [f"{label.capitalize() if label.islower() else label}: {text}" for label, text in answer.lines]
-    return " ".join(f"{latex_text(fact)}." for fact in facts)
+    sentences += [f"{label.capitalize() if label.islower() else label}: {text}" for label, text in answer.lines]
+    return " ".join(f"{latex_text(sentence)}." for sentence in sentences)
 
 
 def _format_latex_squared_unit(unit):
@@ -116,19 +119,23 @@ def _format_latex_squared_unit(unit):
     return rf"(({latex_text(unit)})$^2$)" if unit else ""
 
 
-def _format_number(cell, style):
+def _format_latex_number(printed_number, style):
     """A printed number, or one with its error, in a style."""
-    match = re.fullmatch(r"([+-]?[\d.]+(?:e[+-]?\d+)?)(?: ± ([\d.]+))?", cell)
+    match = re.fullmatch(r"([+-]?[\d.]+(?:e[+-]?\d+)?)(?: ± ([\d.]+))?", printed_number)
     if style == "siunitx" and match:
         return rf"\num[separate-uncertainty, retain-explicit-plus]{{{match[1]}{f' +- {match[2]}' if match[2] else ''}}}"
-    limit = re.fullmatch(r"< +([\d.e+-]+) \((\d+) %\)", cell)
-    return rf"$<{_format_tex(limit[1])}$ ({limit[2]}\,\%)" if limit else f"${_format_tex(cell)}$"
+    limit_match = re.fullmatch(r"< +([\d.e+-]+) \((\d+) %\)", printed_number)
+    return (
+        rf"$<{_convert_number_to_latex(limit_match[1])}$ ({limit_match[2]}\,\%)"
+        if limit_match
+        else f"${_convert_number_to_latex(printed_number)}$"
+    )
 
 
-def _format_tex(cell):
+def _convert_number_to_latex(printed_number):
     """A printed number as LaTeX has it: ±, powers of ten, per cent."""
-    cell = cell.replace("±", r"\pm").replace("…", r"\ldots").replace("%", r"\%").replace("<", "< ")
-    return re.sub(r"(\d)e([+-]?\d+)", lambda m: rf"{m.group(1)} \times 10^{{{int(m.group(2))}}}", cell)
+    printed_number = printed_number.replace("±", r"\pm").replace("…", r"\ldots").replace("%", r"\%").replace("<", "< ")
+    return re.sub(r"(\d)e([+-]?\d+)", lambda m: rf"{m.group(1)} \times 10^{{{int(m.group(2))}}}", printed_number)
 
 
 def write_correlation(solution: Any, path: PathName, meta: dict[str, Any] | None = None) -> None:
@@ -139,7 +146,7 @@ def write_correlation(solution: Any, path: PathName, meta: dict[str, Any] | None
 
 
 #: So many sources have a row each in a folder of results; a table of more is as large as the catalogue.
-_MOST_ROWS = 100_000
+_MOST_SOURCE_ROWS = 100_000
 
 
 def sources_table(solution: Any, field: Field, weights: FloatArray | None = None) -> Table:
@@ -161,8 +168,8 @@ def sources_table(solution: Any, field: Field, weights: FloatArray | None = None
     columns |= {lon: np.degrees(field.lon), lat: np.degrees(field.lat), "residual_east": east, "residual_north": north}
     columns |= {"error_east": field.sigma[0], "error_north": field.sigma[1]}
     columns |= {"weight": np.ones(len(field)) if weights is None else np.asarray(weights), "chi2": residuals.chi2}
-    motions = ("residual_east", "residual_north", "error_east", "error_north")
-    units = dict.fromkeys(motions, "uas / yr") | dict.fromkeys((lon, lat), "deg")
+    motion_columns = ("residual_east", "residual_north", "error_east", "error_north")
+    units = dict.fromkeys(motion_columns, "uas / yr") | dict.fromkeys((lon, lat), "deg")
     return tables.table_of(columns, {"frame": field.frame}, units)
 
 
@@ -190,7 +197,7 @@ def write_tables(
     """
     tables.write_table(vectors_table(solution), folder / "vectors.ecsv", meta)
     tables.write_table(powers_table(solution), folder / "powers.ecsv", meta)
-    if isinstance(field, Field) and len(field) <= _MOST_ROWS:
+    if isinstance(field, Field) and len(field) <= _MOST_SOURCE_ROWS:
         tables.write_table(sources_table(solution, field, weights), folder / "sources.ecsv", meta)
     (folder / "table.tex").write_text(latex_of(solution), encoding="utf-8")
 

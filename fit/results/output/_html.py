@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fit.results.output._files import draw_figures
-from fit.results.output._text import answer_of, find_subject, warnings_of
+from fit.results.output._text import answer_of, describe_fit_subject, warnings_of
 from vsh.field import Field
 from vsh.figures import page
 from vsh.figures.plot import close_figures
@@ -13,7 +13,7 @@ from vsh.io.sections import Answer, Section
 from vsh.scalars import ScalarField
 from vsh.tools.types import PathName
 
-_CAPTIONS = {
+_FIGURE_CAPTIONS = {
     "sky": "The sources, and the field that was fitted to them: motions as dark as they are sure, grey below 2 σ.",
     "spectrum": (
         "Power by degree; arrows: 95 % limits where there is no signal; dotted: what noise alone gives on average."
@@ -81,17 +81,17 @@ def write_html(
     """
     answer = answer_of(solution) if answer is None else answer
     new_figures = draw_figures(solution, field) if figures is None else {}
-    skies = _collect_skies(solution, field, beside or {})
-    sky_panel = page.sky(*skies) if skies else page.Panel("")
+    shown_solutions = _collect_shown_solutions(solution, field, beside or {})
+    sky_panel = page.sky(*shown_solutions) if shown_solutions else page.Panel("")
     all_figures = {**new_figures, **(figures or {}), **(further or {})}
-    plots = {name: axes for name, axes in all_figures.items() if not (skies and name == "sky")}
+    shown_figures = {name: axes for name, axes in all_figures.items() if not (shown_solutions and name == "sky")}
     panels = [
         page.facts(answer.lines, "answer"),
         page.paragraph(_format_warnings(solution), "warning"),
         page.heading("The sky", sky_panel),
         *map(page.section, solution.sections(long=True, check=check, truth=truth, source=source)),
         *map(page.section, sections),
-        page.heading("Figures", page.figure_panels(plots, {**_CAPTIONS, **(captions or {})})),
+        page.heading("Figures", page.figure_panels(shown_figures, {**_FIGURE_CAPTIONS, **(captions or {})})),
         _make_coefficients_panel(solution),
         page.provenance(provenance or {}, command),
     ]
@@ -101,13 +101,13 @@ def write_html(
         f"({len(modes)} coefficients), {solution.frame} axes"
     )
     close_figures(new_figures.values())
-    html = page.page(title or find_subject(solution), panels, lead=lead, source=source)
+    html = page.page(title or describe_fit_subject(solution), panels, lead=lead, source=source)
     page.write_page(path, html, overwrite=overwrite)
 
 
 def _format_warnings(solution):
-    lines = [f"{label}: {text}" if label == "warning" else text for label, text in warnings_of(solution)]
-    return ". ".join(lines) + "." if lines else ""
+    sentences = [f"{label}: {text}" if label == "warning" else text for label, text in warnings_of(solution)]
+    return ". ".join(sentences) + "." if sentences else ""
 
 
 def _make_coefficients_panel(solution):
@@ -115,11 +115,13 @@ def _make_coefficients_panel(solution):
         [str(mode), f"{value:+.5g}", f"{error:.3g}", f"{value / error:+.2f}"]
         for mode, value, error in zip(solution.modes, solution.coefficients.values, solution.sigma, strict=True)
     ]
-    heads = ["coefficient", f"value [{solution.unit}]", "σ", "value/σ"]
-    return page.heading("Coefficients", page.table(heads, rows, sortable=True, summary=f"{len(rows)} coefficients"))
+    column_heads = ["coefficient", f"value [{solution.unit}]", "σ", "value/σ"]
+    return page.heading(
+        "Coefficients", page.table(column_heads, rows, sortable=True, summary=f"{len(rows)} coefficients")
+    )
 
 
-def _collect_skies(solution, field, comparisons):
+def _collect_shown_solutions(solution, field, comparisons):
     if isinstance(field, ScalarField):
         return ()
     main_label = f"degree {solution.modes.lmax}, errors from {solution.errors_from}" if comparisons else ""
@@ -127,10 +129,10 @@ def _collect_skies(solution, field, comparisons):
         page.ShownSolution(
             label,
             sample_of(sources) if isinstance(sources, Parts) else sources,
-            shown.coefficients,
-            shown.covariance,
-            shown.unit,
-            shown.n_sources,
+            shown_solution.coefficients,
+            shown_solution.covariance,
+            shown_solution.unit,
+            shown_solution.n_sources,
         )
-        for label, (shown, sources) in {main_label: (solution, field), **comparisons}.items()
+        for label, (shown_solution, sources) in {main_label: (solution, field), **comparisons}.items()
     ]

@@ -45,23 +45,23 @@ def vector_rows(
         if formal:
             errors = (cell.partition("± ")[2] for cell in format_components(formal[name]))
             rows.append(("  formal error", *(f"± {error}" for error in errors), ""))
-        if (true := (truth or {}).get(name)) is not None:
-            true, digits = true.to_frame(vector.frame), decimals_of_error(vector.sigma)
-            cells = zip(true.value, pulls(vector, true), strict=True)
-            texts = (f"{component:+.{digits}f} ({pull:+.1f}σ)" for component, pull in cells)
-            rows.append(("  truth", *texts, f"{true.amplitude:.{digits}f}"))
+        if (true_vector := (truth or {}).get(name)) is not None:
+            true_vector, n_decimals = true_vector.to_frame(vector.frame), decimals_of_error(vector.sigma)
+            components_and_pulls = zip(true_vector.value, pulls(vector, true_vector), strict=True)
+            texts = (f"{component:+.{n_decimals}f} ({pull:+.1f}σ)" for component, pull in components_and_pulls)
+            rows.append(("  truth", *texts, f"{true_vector.amplitude:.{n_decimals}f}"))
     return rows
 
 
 def vectors_of(solution: Any) -> dict[str, Vector]:
     """Spin and acceleration of a solution by name; rotation and glide of positions, the dipole of a scalar field."""
-    if is_scalar(solution):
+    if is_of_scalar_field(solution):
         return {"dipole": solution.dipole} if solution.modes.lmax > 0 else {}
     names = ("rotation", "glide") if solution.unit == "µas" else ("spin", "acceleration")
     return dict(zip(names, (solution.spin, solution.acceleration), strict=True))
 
 
-def is_scalar(solution: Any) -> bool:
+def is_of_scalar_field(solution: Any) -> bool:
     """Return whether it is of a scalar field, which has a mean and a dipole in place of spin and acceleration."""
     return solution.modes.components == 1
 
@@ -93,15 +93,15 @@ def format_amplitude(vector: Vector) -> str:
 
 
 #: A vector of fewer errors along itself has no size and no direction to quote, however unlikely zero is.
-_FEWEST_ERRORS = 2.0
+_LEAST_AMPLITUDE_IN_ERRORS = 2.0
 
 
 def is_seen(vector: Vector) -> bool:
     """Return whether a vector is detected: whether there is an amplitude and a direction to speak of."""
-    return bool(vector.p_value < SEEN and vector.amplitude >= _FEWEST_ERRORS * vector.amplitude_error)
+    return bool(vector.p_value < SEEN and vector.amplitude >= _LEAST_AMPLITUDE_IN_ERRORS * vector.amplitude_error)
 
 
-def format_place(vector: Vector) -> str:
+def format_direction_with_cone(vector: Vector) -> str:
     """Direction of a vector with its cone of 68 %: "α = 269°, δ = −28° (± 7°)"."""
     names = ANGLES[vector.frame]
     coordinates = ", ".join(f"{name} = {value:.0f}°" for name, value in zip(names, vector.direction, strict=True))
@@ -115,23 +115,23 @@ def format_direction(vector: Vector) -> str:
     if not vector.amplitude_error > 0 or (is_seen(vector) and max(errors) <= 40):
         pairs = zip(names, vector.direction, errors, strict=True)
         return "towards " + ", ".join(f"{name} = {value:.1f} ± {error:.1f}°" for name, value, error in pairs)
-    return f"towards {format_place(vector)}" if is_seen(vector) else "direction not determined"
+    return f"towards {format_direction_with_cone(vector)}" if is_seen(vector) else "direction not determined"
 
 
 def power_rows(solution: Any) -> list[tuple[str, ...]]:
     """Rows of the table of powers: degree, power, debiased, error, root, p-value, z and the z of Mignard & Klioner."""
     return [
         (
-            f"{d.kind}{d.l}",
-            f"{d.power:.5g}",
-            f"{d.debiased:.5g}",
-            f"{d.error:.3g}",
-            f"{np.sqrt(d.power):.3g}",
-            printed_p_value(d.p_value),
-            f"{d.z:.2f}",
-            f"{d.mk_z:.2f}",
+            f"{degree.kind}{degree.l}",
+            f"{degree.power:.5g}",
+            f"{degree.debiased:.5g}",
+            f"{degree.error:.3g}",
+            f"{np.sqrt(degree.power):.3g}",
+            printed_p_value(degree.p_value),
+            f"{degree.z:.2f}",
+            f"{degree.mk_z:.2f}",
         )
-        for d in spectrum(solution)
+        for degree in spectrum(solution)
     ]
 
 
@@ -149,8 +149,8 @@ def vectors_table(solution: Any) -> Table:
     where the vector is not detected; fitted_lon and fitted_lat are there always.
     """
     vectors, formal = vectors_of(solution), vectors_of(solution.formal)
-    lengths = ("amplitude", "amplitude_error", "debiased_amplitude", "low_68", "high_68", "limit_95")
-    angles = ("lon", "lat", "lon_error", "lat_error", "fitted_lon", "fitted_lat")
+    length_columns = ("amplitude", "amplitude_error", "debiased_amplitude", "low_68", "high_68", "limit_95")
+    angle_columns = ("lon", "lat", "lon_error", "lat_error", "fitted_lon", "fitted_lat")
     rows = [
         (
             *v.value,
@@ -169,12 +169,14 @@ def vectors_table(solution: Any) -> Table:
         for name, v in vectors.items()
     ]
     axes = ("x", "y", "z")
-    components = (*axes, *(f"sigma_{axis}" for axis in axes), *(f"formal_sigma_{axis}" for axis in axes))
-    products = ("cov_xy", "cov_xz", "cov_yz")
-    heads = (*components, *products, *lengths, *angles, "p_value")
-    values = np.array(rows, float).reshape(-1, len(heads)).T
-    units = dict.fromkeys((*components, *lengths), solution.unit) | dict.fromkeys(products, square_of(solution.unit))
-    units |= dict.fromkeys(angles, "deg")
+    component_columns = (*axes, *(f"sigma_{axis}" for axis in axes), *(f"formal_sigma_{axis}" for axis in axes))
+    covariance_columns = ("cov_xy", "cov_xz", "cov_yz")
+    column_names = (*component_columns, *covariance_columns, *length_columns, *angle_columns, "p_value")
+    values = np.array(rows, float).reshape(-1, len(column_names)).T
+    units = dict.fromkeys((*component_columns, *length_columns), solution.unit) | dict.fromkeys(
+        covariance_columns, square_of(solution.unit)
+    )
+    units |= dict.fromkeys(angle_columns, "deg")
     meta = {
         "frame": solution.frame,
         "lmax": solution.modes.lmax,
@@ -186,9 +188,9 @@ def vectors_table(solution: Any) -> Table:
         "error_source": str(solution.error_source),
         "includes_floor": bool(solution.includes_floor),
     }
-    if is_scalar(solution):
+    if is_of_scalar_field(solution):
         meta |= dict(zip(("mean", "mean_error"), solution.mean, strict=True))
-    columns = {"name": np.array(list(vectors), str)} | dict(zip(heads, values, strict=True))
+    columns = {"name": np.array(list(vectors), str)} | dict(zip(column_names, values, strict=True))
     columns["detected"] = np.array([is_seen(v) for v in vectors.values()], bool)
     return tables.table_of(columns, meta, units)
 
@@ -196,10 +198,12 @@ def vectors_table(solution: Any) -> Table:
 def powers_table(solution: Any) -> Table:
     """Power by degree and kind as an astropy Table, with errors, chances, and roots of the powers."""
     degrees = spectrum(solution)
-    numbers = ("power", "debiased", "error", "p_value", "z", "mk_z")
-    columns = {"kind": np.array([d.kind for d in degrees]), "l": np.array([d.l for d in degrees])}
-    columns |= {name: np.array([getattr(d, name) for d in degrees], float) for name in numbers}
-    return tables.table_of(columns, {"frame": solution.frame}, dict.fromkeys(numbers[:3], square_of(solution.unit)))
+    number_columns = ("power", "debiased", "error", "p_value", "z", "mk_z")
+    columns = {"kind": np.array([degree.kind for degree in degrees]), "l": np.array([degree.l for degree in degrees])}
+    columns |= {name: np.array([getattr(degree, name) for degree in degrees], float) for name in number_columns}
+    return tables.table_of(
+        columns, {"frame": solution.frame}, dict.fromkeys(number_columns[:3], square_of(solution.unit))
+    )
 
 
 def square_of(unit: str) -> str:
@@ -232,12 +236,12 @@ def answer_of(solution: Any) -> Answer:
     """
     solution = solution_of(solution, "answer")
     is_known = np.isfinite([*solution.covariance.diagonal(), *solution.values]).all()
-    if not is_known or (solution.unit != "µas/yr" and not is_scalar(solution)):
+    if not is_known or (solution.unit != "µas/yr" and not is_of_scalar_field(solution)):
         return Answer()
-    if reason := _find_reason_for_no_result(solution):
-        return Answer(((("mean" if is_scalar(solution) else "acceleration"), f"no result: {reason}"),))
-    errors = ("errors" if solution.is_recommended else "this fit", _describe_errors(solution))
-    if is_scalar(solution):
+    if reason := _describe_reason_for_no_result(solution):
+        return Answer(((("mean" if is_of_scalar_field(solution) else "acceleration"), f"no result: {reason}"),))
+    errors_line = ("errors" if solution.is_recommended else "this fit", _describe_errors(solution))
+    if is_of_scalar_field(solution):
         value, error = solution.mean
         mean_text = f"{format_with_error(value, error, '+')} {solution.unit}".rstrip()
         lines = [("mean", f"{mean_text}, p = {printed_p_value(solution.p_value('F', 0))}")]
@@ -248,42 +252,42 @@ def answer_of(solution: Any) -> Answer:
             ("spin", words_of(solution.spin)),
             ("Gaia EDR3", _describe_difference_from_gaia(solution.acceleration)),
         ]
-    if assumed := [str(note) for note in solution.notes if has_code(note, ASSUMED_UNITS)]:
-        lines.append(("units", f"{'; '.join(assumed)}; {solution.frame} axes"))
-    return Answer((*lines, errors) if solution.is_recommended else (errors, *lines))
+    if unit_notes := [str(note) for note in solution.notes if has_code(note, ASSUMED_UNITS)]:
+        lines.append(("units", f"{'; '.join(unit_notes)}; {solution.frame} axes"))
+    return Answer((*lines, errors_line) if solution.is_recommended else (errors_line, *lines))
 
 
-def _find_reason_for_no_result(solution):
+def _describe_reason_for_no_result(solution):
     """Reason why a fit has nothing to quote; None where it has something."""
-    factor, codes = find_error_factor(solution), codes_of(solution.notes)
+    factor, codes = compute_error_factor(solution), codes_of(solution.notes)
     if factor > _WRONG_UNIT_FACTOR:
         return f"residuals are {factor:.3g} times the errors. Are both in the units that were assumed?"
     if TOO_LITTLE_SCATTER in codes:
         return "residuals are far below the errors. Are both in the units that were assumed?"
     if ERRORS_TOO_SMALL in codes and not solution.is_recommended:
         return "the quoted errors say too little of the scatter. To quote: fit.recommended (no --method)"
-    if repeated := [note for note in solution.notes if has_code(note, REPEATED)]:
-        return str(repeated[0]).removeprefix("warning: ")
+    if repeated_rows_notes := [note for note in solution.notes if has_code(note, REPEATED)]:
+        return str(repeated_rows_notes[0]).removeprefix("warning: ")
     if solution.covariance_dof < FEWEST_DOF:
-        return f"{_describe_dof(solution)} does not determine the errors of a vector"
+        return f"{_describe_covariance_dof(solution)} does not determine the errors of a vector"
     return None
 
 
-def find_error_factor(solution: Any) -> float:
+def compute_error_factor(solution: Any) -> float:
     """Factor by which residuals exceed the errors of the catalogue; 1 where χ² does not contradict those."""
     return max(solution.quality.factor, 1.0) if solution.error_source == ErrorSource.CATALOGUE else 1.0
 
 
 def words_of(vector: Vector) -> str:
     """Size, place and p-value of a vector; an upper limit where it is not detected."""
-    p, unit = printed_p_value(vector.p_value), f" {vector.unit}" * bool(vector.unit)
+    p_text, unit = printed_p_value(vector.p_value), f" {vector.unit}" * bool(vector.unit)
     if is_seen(vector):
-        return f"{format_amplitude(vector)}{unit} towards {format_place(vector)}, p = {p}"
-    limit = f"< {format_three_digits(vector.amplitude_limit())}{unit} (95 %)"
+        return f"{format_amplitude(vector)}{unit} towards {format_direction_with_cone(vector)}, p = {p_text}"
+    limit_text = f"< {format_three_digits(vector.amplitude_limit())}{unit} (95 %)"
     if vector.p_value < SEEN:
-        return f"not zero (p = {p}), but its correlated components tell no size or direction: {limit}"
+        return f"not zero (p = {p_text}), but its correlated components tell no size or direction: {limit_text}"
     hint = f" ({hint})" if (hint := hint_of(vector.p_value)) else ""
-    return f"not detected: {limit}, p = {p}{hint}"
+    return f"not detected: {limit_text}, p = {p_text}{hint}"
 
 
 def _describe_difference_from_gaia(acceleration: Vector) -> str:
@@ -292,16 +296,21 @@ def _describe_difference_from_gaia(acceleration: Vector) -> str:
     covariance = acceleration.covariance + gaia.covariance
     dof = acceleration.dof * (np.trace(covariance) / np.trace(acceleration.covariance)) ** 2  # Satterthwaite (1946)
     difference = replace(acceleration, value=acceleration.value - gaia.value, covariance=covariance, dof=float(dof))
-    p = difference.p_value
-    hint = "; this may be an instrumental effect" if p < SEEN else ""
-    edr3 = f"{format_with_error(gaia.amplitude, gaia.amplitude_error)} {gaia.unit}"
-    return f"this acceleration is {abs(ndtri(max(p, 1e-300) / 2)):.1f} σ from {edr3} (p = {printed_p_value(p)}){hint}"
+    p_value = difference.p_value
+    hint = "; this may be an instrumental effect" if p_value < SEEN else ""
+    gaia_text = f"{format_with_error(gaia.amplitude, gaia.amplitude_error)} {gaia.unit}"
+    return (
+        f"this acceleration is {abs(ndtri(max(p_value, 1e-300) / 2)):.1f} σ from {gaia_text} "
+        f"(p = {printed_p_value(p_value)}){hint}"
+    )
 
 
 def _describe_errors(solution: Any) -> str:
     """Describe the errors, what they leave out, and what to be careful of."""
-    clipped = "after clipping: " if CLIPPED in codes_of(solution.notes) else ""
-    description = f"{clipped}{_ERROR_NAMES[ErrorSource(solution.error_source)]}, to degree {solution.modes.lmax}"
+    clipping_prefix = "after clipping: " if CLIPPED in codes_of(solution.notes) else ""
+    description = (
+        f"{clipping_prefix}{_ERROR_NAMES[ErrorSource(solution.error_source)]}, to degree {solution.modes.lmax}"
+    )
     if solution.error_source == ErrorSource.SCALED and not solution.includes_floor:
         description += f", {solution.quality.factor:.3g} times the formal errors"
     if solution.floor is not None and solution.includes_floor:
@@ -313,11 +322,11 @@ def _describe_errors(solution: Any) -> str:
         description += ", systematic errors included"
     elif solution.is_recommended:
         description += "; the systematic floor is not known" + (" below degree 3" if solution.modes.lmax < 3 else "")
-    if (factor := find_error_factor(solution)) > 1:
+    if (factor := compute_error_factor(solution)) > 1:
         description += f"; residuals are {factor:.3g} times as large"
     if not solution.includes_floor and ONE_SIDE in codes_of(solution.notes):
-        further = ", and degree 1 depends on the degrees above it" if solution.modes.lmax > 1 else ""
-        description += f"; one side of the sky has no sources{further}"
+        degree_one_text = ", and degree 1 depends on the degrees above it" if solution.modes.lmax > 1 else ""
+        description += f"; one side of the sky has no sources{degree_one_text}"
     if not solution.is_recommended:
         description += "; to quote: fit.recommended (vsh-fit without --method)"
     return description
@@ -339,40 +348,42 @@ def sections_of(
     With `long`, the sections include formal errors, the origin of the errors, and powers with their normal deviates.
     """
     solution = solution_of(solution, "report")
-    facts = [*(_list_details(solution) if long else ()), *warnings_of(solution)]
-    title = _format_title(solution, source)
+    facts = [*(_list_fit_facts(solution) if long else ()), *warnings_of(solution)]
+    title = _format_section_title(solution, source)
     if np.isnan(solution.coefficients.values).all():
-        sections = [Section(title, facts, _make_errors_table(solution)), _make_noise_section(solution)]
+        sections = [Section(title, facts, _make_expected_errors_table(solution)), _make_noise_powers_section(solution)]
     else:
         vectors = _make_vectors_table(solution, truth or {}, long)
-        directions = [*_format_directions(solution), *_FORMAL_ERRORS_REMARK * solution.includes_floor] if long else ()
-        sections = [Section(title, facts, vectors, remarks=directions)]
+        remarks = (
+            [*_format_vector_directions(solution), *_FORMAL_ERRORS_REMARK * solution.includes_floor] if long else ()
+        )
+        sections = [Section(title, facts, vectors, remarks=remarks)]
         sections.append(_make_detailed_powers_section(solution) if long else _make_powers_section(solution))
-    if check is not None and (long or not check.largest < AGREE):
+    if check is not None and (long or not check.largest < AGREEMENT_LIMIT):
         sections += check.sections()
     sections[-1] = replace(sections[-1], notes=solution.notes)
     return tuple(sections)
 
 
-def _format_title(solution, source):
+def _format_section_title(solution, source):
     modes = solution.modes
     prefix = f"{printable(source)}: " if source else ""
     title = f"{prefix}{solution.n_sources} sources, {solution.frame} axes, degrees {modes.lowest} to {modes.lmax}"
     return title + (f", χ²/dof = {solution.reduced_chi2:.3f}" if np.isfinite(solution.chi2) else "")
 
 
-def _list_details(solution):
+def _list_fit_facts(solution):
     """Facts on the fit and the source of its errors."""
-    facts = [("fit", find_subject(solution)), ("coefficients", f"{len(solution.modes)}")]
+    facts = [("fit", describe_fit_subject(solution)), ("coefficients", f"{len(solution.modes)}")]
     if np.isfinite(solution.chi2):
         suffix = "" if solution.error_source == ErrorSource.CATALOGUE else " (with the catalogue's errors)"
         facts.append(("χ²/dof", f"{solution.chi2:.6g} / {solution.dof}{suffix}"))
     return [*facts, ("errors from", solution.errors_from)]
 
 
-def find_subject(solution: Any) -> str:
+def describe_fit_subject(solution: Any) -> str:
     """Subject of a solution, the title of its page."""
-    if is_scalar(solution):
+    if is_of_scalar_field(solution):
         return f"Spherical harmonics of a scalar field{', in ' * bool(solution.unit)}{solution.unit}"
     return f"Vector spherical harmonics of {'differences of position' if solution.unit == 'µas' else 'proper motions'}"
 
@@ -383,33 +394,40 @@ _FORMAL_ERRORS_REMARK = (
     "floor, because the floor is also a prior on the degrees above 1.",
 )
 #: A fit of fewer numbers for each coefficient is warned of.
-_FEW_DATA = 4
+_FEW_DATA_PER_COEFFICIENT = 4
 
 
-def _describe_dof(solution):
+def _describe_covariance_dof(solution):
     return f"a covariance with {solution.covariance_dof:.0f} degrees of freedom"
 
 
 def warnings_of(solution: Any) -> list[tuple[str, str]]:
     """Warnings on the errors of a solution, for all of its forms: pairs of a label and a sentence."""
-    texts, size = [], len(solution.modes)
+    texts, n_coefficients = [], len(solution.modes)
     if (warning := solution.quality.warning()) and solution.error_source == ErrorSource.CATALOGUE:
         texts.append(f"{warning}; those below are not scaled")
-    degrees = [l for l in range(solution.modes.lowest, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1]
-    if degrees and not solution.covariance_dof > 0:
+    undetermined_degrees = [
+        l for l in range(solution.modes.lowest, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1
+    ]
+    if undetermined_degrees and not solution.covariance_dof > 0:
         texts.append("few sources decide this fit: its errors are not known, and p-values are nan")
-    elif degrees:
-        text = f"{_describe_dof(solution)} does not determine the 2l + 1 coefficients of degree {degrees[0]} and above"
+    elif undetermined_degrees:
+        text = (
+            f"{_describe_covariance_dof(solution)} does not determine the 2l + 1 coefficients of degree "
+            f"{undetermined_degrees[0]} and above"
+        )
         texts.append(f"{text}: p-values are nan there")
-    if size <= solution.dof < _FEW_DATA * size:
-        text = f"{size} coefficients of {solution.n_data} numbers: errors grow with every degree"
+    if n_coefficients <= solution.dof < _FEW_DATA_PER_COEFFICIENT * n_coefficients:
+        text = f"{n_coefficients} coefficients of {solution.n_data} numbers: errors grow with every degree"
         texts.append(f"{text}; a lower --lmax is enough for degree 1")
-    if 0 < solution.dof < size:
-        texts.append(f"{solution.dof} degrees of freedom for {size} coefficients: χ² says little of the errors")
+    if 0 < solution.dof < n_coefficients:
+        texts.append(
+            f"{solution.dof} degrees of freedom for {n_coefficients} coefficients: χ² says little of the errors"
+        )
     return [("warning", text) for text in texts]
 
 
-def _make_errors_table(solution):
+def _make_expected_errors_table(solution):
     """The errors that a fit would have, of a solution without values."""
     vectors = vectors_of(solution)
     columns = {"vector": list(vectors)}
@@ -417,7 +435,7 @@ def _make_errors_table(solution):
     return tables.table_of(columns, {}, {f"error {axis}": solution.unit for axis in "xyz"})
 
 
-def _make_noise_section(solution):
+def _make_noise_powers_section(solution):
     degrees = range(1, solution.modes.lmax + 1)
     columns = {"degree": list(degrees)}
     columns |= {kind: [solution.noise_power(kind, l) for l in degrees] for kind in "TS"}
@@ -429,24 +447,24 @@ def _make_vectors_table(solution, truth, long):
     """Spin and acceleration by component, with the truth of a simulation below them."""
     formal = vectors_of(solution.formal) if long and solution.formal is not solution else {}
     rows: list[tuple[str, ...]] = []
-    if is_scalar(solution):
+    if is_of_scalar_field(solution):
         mean, error = solution.mean
         rows.append(("mean", "", "", "", format_with_error(mean, error, "+")))
     rows += vector_rows(vectors_of(solution), truth, formal)
-    heads = (f"[{solution.unit}]" if solution.unit else "vector", "x", "y", "z", "amplitude")
-    return tables.table_of_rows(heads, rows)
+    column_heads = (f"[{solution.unit}]" if solution.unit else "vector", "x", "y", "z", "amplitude")
+    return tables.table_of_rows(column_heads, rows)
 
 
-def _format_directions(solution):
+def _format_vector_directions(solution):
     """Directions of the detected vectors, in two frames."""
-    lines = []
+    direction_lines = []
     for name, vector in vectors_of(solution).items():
         if is_seen(vector) or not vector.amplitude_error > 0:
             counterpart = vector.to_frame("galactic" if vector.frame != "galactic" else "icrs")
-            lines.append(
+            direction_lines.append(
                 f"{name:14}{format_direction(vector)}; {format_direction(counterpart).removeprefix('towards ')}"
             )
-    return lines
+    return direction_lines
 
 
 def _make_powers_section(solution):
@@ -463,35 +481,37 @@ def _make_powers_section(solution):
 
 
 def _make_detailed_powers_section(solution):
-    law = "exact χ², any sky" if np.isinf(solution.covariance_dof) else "Hotelling's T²: the errors are estimates"
-    field = "|V|" if solution.modes.components == 2 else "f"
-    heads = ("degree", "power", "debiased", "±", "√power", "p-value", "z", "M&K Z")
+    p_value_basis = (
+        "exact χ², any sky" if np.isinf(solution.covariance_dof) else "Hotelling's T²: the errors are estimates"
+    )
+    integrand = "|V|" if solution.modes.components == 2 else "f"
+    column_heads = ("degree", "power", "debiased", "±", "√power", "p-value", "z", "M&K Z")
     remark = (
         "Debiased: power minus the mean power of noise. p-values are the probability that noise alone gives at least "
-        f"this power ({law}); z is the equivalent normal deviate; M&K Z is the statistic of Mignard & Klioner (2012), "
-        "valid only for a uniform sky."
+        f"this power ({p_value_basis}); z is the equivalent normal deviate; M&K Z is the statistic of Mignard & "
+        "Klioner (2012), valid only for a uniform sky."
     )
-    title = f"Power by degree, ∫{field}²dΩ {format_squared_unit(solution)}"
-    return Section(title, (), tables.table_of_rows(heads, power_rows(solution)), remarks=[remark])
+    title = f"Power by degree, ∫{integrand}²dΩ {format_squared_unit(solution)}"
+    return Section(title, (), tables.table_of_rows(column_heads, power_rows(solution)), remarks=[remark])
 
 
 def cross_check_sections(check: Any) -> tuple[Section, ...]:
     """Section on whether two solvers agree."""
     sources_text = f"on the same {check.frame.n_sources} sources"
-    if check.largest < AGREE:
-        solvers = f"two independent solvers, {sources_text} with the catalogue's errors"
-        text = f"Degree 1 fitted by {solvers}, agrees to {check.largest:.0e} σ."
+    if check.largest < AGREEMENT_LIMIT:
+        solvers_text = f"two independent solvers, {sources_text} with the catalogue's errors"
+        agreement_text = f"Degree 1 fitted by {solvers_text}, agrees to {check.largest:.0e} σ."
         caution = "This agreement tests the numerical solution only; it does not validate the errors above."
-        return (Section("Cross-check", remarks=[text, caution]),)
+        return (Section("Cross-check", remarks=[agreement_text, caution]),)
     rows = [
         (name, solver, *format_components(getattr(fitted, name)))
         for name in ("spin", "acceleration")
         for solver, fitted in (("harmonics", check.harmonics), ("frame, QR", check.frame))
     ]
-    heads = ("[µas/yr]", "solver", "x", "y", "z")
+    column_heads = ("[µas/yr]", "solver", "x", "y", "z")
     title = f"CROSS-CHECK FAILED: degree 1 {sources_text} by two solvers differs by {check.largest:.1e} σ"
-    return (Section(title, (), tables.table_of_rows(heads, rows)),)
+    return (Section(title, (), tables.table_of_rows(column_heads, rows)),)
 
 
 #: Differences of the two solvers below this are rounding. [σ]
-AGREE = 1e-6
+AGREEMENT_LIMIT = 1e-6

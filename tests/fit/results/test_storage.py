@@ -11,7 +11,7 @@ from every_result import RESULTS, result_of
 
 import fit
 from fit.results import storage
-from fit.results.storage import _KINDS, read
+from fit.results.storage import _RESULT_CLASSES, read
 from vsh.figures.plot import figure_of
 from vsh.tools.errors import TableError
 from vsh.tools.notes import codes_of
@@ -21,7 +21,7 @@ def test_every_kind_of_result_is_tried():
     """Another kind of result joins RESULTS; a chain is in a file of its own (tests/fit/posterior)."""
     import_module("fit.results.output")
     tried = {type(result_of(name)) for name in RESULTS}
-    kinds = {kind for kind in _KINDS.values() if kind in tried or not kind.__subclasses__()}
+    kinds = {kind for kind in _RESULT_CLASSES.values() if kind in tried or not kind.__subclasses__()}
     assert {kind.__name__ for kind in kinds - tried} == {"Posterior"}
 
 

@@ -65,7 +65,7 @@ def test_steps_settle_where_rounds_do(case, n, monkeypatch):
     monkeypatch.setattr(_reweight, "_SAMPLE", 1000)
     monkeypatch.setattr(_reweight, "_MANY", 4000)
     if n <= 4000:  # there is no sample, which alone goes by rounds
-        monkeypatch.setattr(_reweight, "_iterate_to_convergence", None)
+        monkeypatch.setattr(_reweight, "_fit_by_rounds", None)
     steps = student_t(field, 2)
     assert steps.n_rounds < _reweight._MOST_STEPS
     np.testing.assert_allclose(steps.solution.values, rounds.solution.values, atol=3e-4 * rounds.solution.sigma.min())
@@ -85,7 +85,7 @@ def test_step_of_nu_is_newtons(components):
         sums = {"log": np.log1p(x2 / weight.nu).sum(), "beyond": beyond.sum()}
         weight, length = weight.take_newton_step(sums | {"slope of beyond": (beyond / (weight.nu + x2)).sum()}, len(x2))
     nus = weight.nu * np.array([0.99, 1.0, 1.01])
-    values = [_reweight._compute_mean_log_t(nu, components, np.log1p(x2 / nu).mean()) for nu in nus]
+    values = [_reweight._compute_mean_log_density(nu, components, np.log1p(x2 / nu).mean()) for nu in nus]
     assert values[1] > max(values[0], values[2])
     assert length < 1e-6
     assert StudentT(6.0, False).take_newton_step({}, 1) == (StudentT(6.0, False), 0.0)

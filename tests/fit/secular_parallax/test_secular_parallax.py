@@ -7,7 +7,7 @@ from conftest import few_or_many
 
 import sim
 from fit.secular_parallax import DistanceModel, hubble_constant, observer_velocity
-from fit.secular_parallax._solution import HubbleSolution, _describe_limits
+from fit.secular_parallax._solution import HubbleSolution, _describe_hubble_limits
 from vsh import Field, Vector
 from vsh.models.cosmology import BACHCHAN_2016, FlatLCDM, transverse_distance
 from vsh.sky.sphere import triad
@@ -222,7 +222,7 @@ def test_limit_of_a_positive_constant_covers_where_noise_makes_the_estimate_nega
 )
 def test_limits_are_said_where_there_are_some(limits, words):
     """Found by a newcomer: below 0.0 and above 0.0."""
-    assert _describe_limits(*limits) == words
+    assert _describe_hubble_limits(*limits) == words
 
 
 def test_a_speed_that_nobody_has_is_doubted():

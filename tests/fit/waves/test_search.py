@@ -11,10 +11,10 @@ import sim
 from fit.waves import search, search_in_time
 from fit.waves._search import (
     WhitenedData,
-    _compute_whitened_templates,
+    _compute_templates_and_covariance,
     compute_simulated_p_value,
-    draw_maxima,
-    search_directions,
+    draw_noise_maxima,
+    fit_wave_by_direction,
 )
 from vsh import DegeneracyError, Field, ModesError, ParameterError
 from vsh.io.epochs import Observations, make_design_rows, read_observations
@@ -43,9 +43,9 @@ def test_noise_is_chi_square_and_p_values_are_uniform():
     rng, one, chances = np.random.default_rng(1), [], []
     for _ in range(300):
         noise = replace(white, values=rng.standard_normal(len(white.values)))
-        statistic = search_directions(noise, modes, 4)[0]
+        statistic = fit_wave_by_direction(noise, modes, 4)[0]
         one.append(statistic[17])
-        chances.append(compute_simulated_p_value(draw_maxima(noise, modes, 4, 200, rng), statistic.max()))
+        chances.append(compute_simulated_p_value(draw_noise_maxima(noise, modes, 4, 200, rng), statistic.max()))
     assert kstest(one, "chi2", args=(2,)).pvalue > 0.01
     assert kstest(chances, "uniform").pvalue > 0.01
 
@@ -71,21 +71,21 @@ def test_wave_is_found():
     # At its own direction the amplitudes are without bias.
     white, modes = whitened(sky(signal=sim.plane_wave((0, 0, 1), 15.0, -8.0)), 5)
     at = 0  # the first pixel is next to the pole
-    _, amplitudes, covariance = search_directions(white, modes, 64)
+    _, amplitudes, covariance = fit_wave_by_direction(white, modes, 64)
     assert abs(np.linalg.norm(amplitudes[:, at]) - 17) < 4 * np.sqrt(np.trace(covariance[at]) / 2)
 
 
 def test_error_of_an_amplitude_on_an_even_sky():
     """σ(ḣ) = σ_µ √(6/N), with all degrees; those to 5 hold 99 %."""
     white, modes = whitened(sky(20000, lowest=-1), 5)
-    spread = np.sqrt(np.einsum("nii->n", search_directions(white, modes, 2)[2]) / 2)
+    spread = np.sqrt(np.einsum("nii->n", fit_wave_by_direction(white, modes, 2)[2]) / 2)
     assert spread == pytest.approx(50 * np.sqrt(6 / 20000), rel=0.02)
 
 
 def test_limits_hold():
     """95 % limits on a wave of 0, 1.5 and 4 errors, of any polarisation, lie above it in 95 % of the skies or more."""
     white, modes = whitened(sky(), 3)
-    seen, inverse = _compute_whitened_templates(white, modes, 2, 1)
+    seen, inverse = _compute_templates_and_covariance(white, modes, 2, 1)
     seen, inverse, rng = seen[:, :, 5], inverse[5], np.random.default_rng(2)
     spread = np.sqrt(np.trace(inverse) / 2)
     for size in (0.0, 1.5, 4.0):

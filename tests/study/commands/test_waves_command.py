@@ -20,7 +20,7 @@ from vsh.vector import Vector
 @pytest.fixture(autouse=True)
 def coarse(monkeypatch):
     """A coarse map of the stars' response is soon made, and enough."""
-    monkeypatch.setattr("study.commands.waves._NSIDE", 2)
+    monkeypatch.setattr("study.commands.waves._RESPONSE_NSIDE", 2)
 
 
 @pytest.fixture(scope="module")

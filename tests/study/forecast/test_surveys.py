@@ -8,7 +8,7 @@ import sim
 from sim.astrometry import POSITION_FACTORS, gaia_errors, parallax_error
 from study.commands.forecast import main
 from study.forecast import SURVEYS, SecondEpoch, Survey, forecast_surveys
-from study.forecast._forecast import QUANTITIES, _make_crf3_sample
+from study.forecast._forecast import QUANTITIES, _draw_crf3_magnitudes_and_factors
 from vsh import Field, ParameterError
 from vsh.figures.plot import figure_of
 from vsh.tools.units import hubble_rate
@@ -91,7 +91,7 @@ def test_scatter_with_second_epoch():
     survey = Survey(4000, "DR5", second=second)
     values = forecast_surveys({"both": survey, "Gaia": Survey(4000, "DR5")}, flows=False).values
     rng = np.random.default_rng(2)
-    magnitudes, factors = _make_crf3_sample()
+    magnitudes, factors = _draw_crf3_magnitudes_and_factors()
     accelerations = []
     for _ in range(400):
         lon, lat = sim.uniform_sky(4000, rng)

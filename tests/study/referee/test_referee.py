@@ -15,13 +15,13 @@ from study.commands.referee import main
 from study.referee import Quasars, Referee, read_quasars, referee
 from study.referee._rows import Value, format_verdict, read_papers
 from study.referee._sections import (
-    SectionInput,
+    AnalysisInput,
     _check_earlier_release,
     _make_contents_or_reason,
-    _repeat_galaxies,
-    check_all,
+    _repeat_galaxy_motions,
+    make_all_checks,
 )
-from study.referee.page import html
+from study.referee.page import make_html_page
 from vsh import Field
 from vsh.tools.digits import printed_p_value
 from vsh.tools.errors import DegeneracyError, TableError
@@ -116,7 +116,7 @@ def test_instrument_is_seen(table):
     bent["pmra"] = bent["pmra"] + np.where(faint, 0.5 * np.cos(np.radians(bent["dec"])), 0.0)
     quasars = read_quasars(bent)
     main = quasars.recommended
-    answer = Referee(quasars, main, [], check_all(quasars, main, 1))
+    answer = Referee(quasars, main, [], make_all_checks(quasars, main, 1))
     by_g = next(each for each in answer.checks if each.key == "G")
     assert by_g.p_value < 0.0027
     assert answer.conclusion.startswith("an instrumental effect is detected")
@@ -188,7 +188,7 @@ def test_figures_and_page_of_the_command(table, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_page(answer):
-    page = html(answer, {}, provenance={})
+    page = make_html_page(answer, {}, provenance={})
     assert all(escape(text) in page for _, text in answer.answer.lines)
     assert page.index("The acceleration of the Solar System") < page.index("Is it the instrument?")
     assert 'class="sky"' in page
@@ -268,5 +268,5 @@ def test_our_velocity_is_expected_in_the_axes_of_the_catalogue():
     """The microwave background's dipole in ICRS; it once stood there in Galactic axes."""
     field = sim.observe(sim.galaxies(1500, 1), sim.spin((0, 0, 0)), 2, sigma=50.0)
     quasars = Quasars.of(field, {"redshift": field.redshift}, {}, "galaxies")
-    made = _repeat_galaxies(SectionInput(quasars, None, 1))
+    made = _repeat_galaxy_motions(AnalysisInput(quasars, None, 1))
     assert [row.quantity.split()[2] for row in made["rows"]] == ["-359", "+77", "-45"]

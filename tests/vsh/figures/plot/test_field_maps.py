@@ -109,10 +109,10 @@ def test_correlations_have_names_a_reader_knows():
 
 
 def test_degree_one_of_the_matrix_is_that_of_the_vectors():
-    from fit.results.output._figures import _compute_vector_correlations
+    from fit.results.output._figures import _name_and_correlate_coefficients
 
     solution = fit.fit_field(random_field(3000, seed=1), 2)
-    names, matrix, _ = _compute_vector_correlations(solution)
+    names, matrix, _ = _name_and_correlate_coefficients(solution)
     i, j = names.index(r"$\omega_x$"), names.index(r"$\omega_z$")
     spin = solution.spin
     assert matrix[i, j] == pytest.approx(spin.covariance[0, 2] / (spin.sigma[0] * spin.sigma[2]))
