@@ -90,7 +90,8 @@ class LikelihoodFunctions:
     def at(self, s: FloatArray, x: FloatArray, q: FloatArray) -> FloatArray:
         """The functions, (28, n), at n points: `marginalise_nuisance` of the sums, flow and acceleration as known."""
         noise_pairs, pair_index = np.unique(np.stack([s, x]), axis=1, return_inverse=True)
-        sums = add_acceleration_prior(self.rows.sums(*noise_pairs, threads=self.threads), self.acceleration, self.rows.frame)
+        sums = self.rows.sums(*noise_pairs, threads=self.threads)
+        sums = add_acceleration_prior(sums, self.acceleration, self.rows.frame)
         if self.rows.modes is None:
             return marginalise_nuisance(sums, self.spin, self.rows.frame)[:, pair_index.ravel()]
         columns = []
