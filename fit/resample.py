@@ -175,7 +175,7 @@ def _sum_drawn_scores(
     field: Field, solution: Solution, count_and_weight: tuple[int, float], n_replicates: int, seed: int
 ) -> dict[str, Any]:
     """Sum (k − 1) Aᵀ C⁻¹ Δ/(1 − leverage)^¾ over some sources, with k drawn for each, (replicates, p); and Σ h²."""
-    leverages = leverage(field, solution.modes, solution.covariance, total=count_and_weight)
+    share = leverage(field, solution.modes, solution.covariance, total=count_and_weight)
 
     def sum_chunk_scores(chunk):
         sources = field[chunk]
@@ -183,8 +183,7 @@ def _sum_drawn_scores(
         digest = blake2b(sources.lon.tobytes() + sources.lat.tobytes(), digest_size=16).digest()
         rng = np.random.default_rng([seed, int.from_bytes(digest, "big")])
         residuals = (
-            multiply_weights(sources.weights, solution.residuals(sources).data)
-            / (1 - leverages[chunk]) ** _LEVERAGE_POWER
+            multiply_weights(sources.weights, solution.residuals(sources).data) / (1 - share[chunk]) ** _LEVERAGE_POWER
         )
         scores = np.einsum("pkn,kn->pn", harmonics(sources.lon, sources.lat, solution.modes), residuals)
         # Single precision relative to the largest score: the error is a millionth of the scatter of the draws.
@@ -194,10 +193,8 @@ def _sum_drawn_scores(
         return (excess_draws @ scores.T.astype(np.float32)).astype(float) * largest_scores.T
 
     chunk_size = max(64, min(2**24 // n_replicates, 2**22 // len(solution.modes)))
-    score_sums = sum(
-        map_blocks(sum_chunk_scores, len(field), chunk_size), np.zeros((n_replicates, len(solution.modes)))
-    )
-    return {"scores": score_sums, "squared leverages": float(leverages @ leverages)}
+    steps = sum(map_blocks(sum_chunk_scores, len(field), chunk_size), np.zeros((n_replicates, len(solution.modes))))
+    return {"scores": steps, "squared leverages": float(share @ share)}
 
 
 #: Largest size of the normal matrices of all blocks together; more is refused. [bytes]
@@ -243,19 +240,14 @@ def block_bootstrap(
         )
     normals = list(block_normals)
     matrices = np.array([normal.matrix.ravel() for normal in normals])
-    right_sides = np.array([normal.rhs for normal in normals])
+    sides = np.array([normal.rhs for normal in normals])
     whole_sky: Any = sum(normals)
     solution = solve(whole_sky)
     replicates = np.empty((n_replicates, p))
     for replicate in progress_bar(replicates, words="block bootstrap", shown=progress):
         draw_counts = rng.multinomial(len(normals), np.full(len(normals), 1 / len(normals))).astype(float)
         replicate_equations = NormalEquations(
-            modes,
-            (draw_counts @ matrices).reshape(p, p),
-            draw_counts @ right_sides,
-            0.0,
-            whole_sky.n_data,
-            whole_sky.frame,
+            modes, (draw_counts @ matrices).reshape(p, p), draw_counts @ sides, 0.0, whole_sky.n_data, whole_sky.frame
         )
         replicate[:] = solve(replicate_equations).coefficients.values
     covariance, dof = (
@@ -332,9 +324,7 @@ def _count_blocks_and_make_normals(field, modes, nside, progress):
     if len(blocks) < 2:
         raise DegeneracyError(f"all sources lie in one block of nside {nside}: take a larger nside")
     bar = progress_bar(blocks, words=words, shown=progress)
-    return len(blocks), (
-        block.normal_equations() if is_parts else normal_equations(field[block], modes) for block in bar
-    )
+    return len(blocks), (x.normal_equations() if is_parts else normal_equations(field[x], modes) for x in bar)
 
 
 def _sum_moments_by_block(field, modes, nside):
@@ -401,9 +391,7 @@ def compare_blocks(
     min_blocks, rows, failure = BLOCKS_PER_COEFFICIENT * len(modes), [], None
     for nside in nsides:
         n_blocks = len(
-            as_parts(field, SourcesWithErrors).sum(
-                partial(_collect_block_numbers, nside=nside), roles=(), words="blocks"
-            )
+            as_parts(field, SourcesWithErrors).sum(partial(_get_blocks, nside=nside), roles=(), words="blocks")
         )
         if n_blocks < min_blocks:
             failure = DegeneracyError(
@@ -417,15 +405,11 @@ def compare_blocks(
             failure = error
     if not rows:
         raise failure or DegeneracyError("nsides is empty: give at least one block size")
-    best = next(
-        row
-        for i, row in enumerate(rows)
-        if all(not _has_error_ratio_grown(row, larger_blocks_row) for larger_blocks_row in rows[i + 1 :])
-    )
+    best = next(row for i, row in enumerate(rows) if all(not _has_grown(row, larger) for larger in rows[i + 1 :]))
     return rows, best, _format_block_advice(rows, best)
 
 
-def _collect_block_numbers(field, nside):
+def _get_blocks(field, nside):
     """Return the pixel numbers of the blocks that contain sources, as keys of a dict."""
     return dict.fromkeys(np.unique(pixels_of(field.lon, field.lat, nside)).tolist())
 
@@ -445,7 +429,7 @@ def _compute_block_errors(resampled, nside):
     return BlockErrors(nside, 58.6 / nside, n_blocks, ratio, ratio / np.sqrt(2 * 6 * (n_blocks - 1)), resampled)
 
 
-def _has_error_ratio_grown(row, larger_blocks_row):
+def _has_grown(row, larger_blocks_row):
     return larger_blocks_row.ratio - row.ratio > 3 * np.hypot(row.ratio_error, larger_blocks_row.ratio_error)
 
 

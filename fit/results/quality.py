@@ -157,12 +157,10 @@ def gls(values: FloatArray, covariance: FloatArray, design: FloatArray) -> tuple
     return theta, chi2, theta_covariance
 
 
-def solution_of(result: Any, attribute_name: str) -> Any:
+def solution_of(result: Any, attribute: str) -> Any:
     """The solution for coefficients that a result is about, or the result itself where it is one."""
     solution = getattr(result, "solution", result)
     if not hasattr(solution, "error_source"):  # coefficients with a covariance say where it is from
-        hint = f": use its own, .{attribute_name}" if hasattr(solution, attribute_name) else ""
-        raise ParameterError(
-            f"{attribute_name} is for solutions for coefficients, not a {type(solution).__name__}{hint}"
-        )
+        hint = f": use its own, .{attribute}" if hasattr(solution, attribute) else ""
+        raise ParameterError(f"{attribute} is for solutions for coefficients, not a {type(solution).__name__}{hint}")
     return solution

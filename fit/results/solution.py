@@ -545,10 +545,7 @@ class Solution(LinearSolution):
         metadata: dict[str, Any] = {"lmax": self.modes.lmax, "notes": list(map(str, self.notes))}
         metadata["note_codes"] = list(codes_of(self.notes))
         attributes = {name: getattr(self, name) for name in self._list_plain_attributes()}
-        metadata |= {
-            name: to_hex(value) if isinstance(value, float) else encode_value(value)
-            for name, value in attributes.items()
-        }
+        metadata |= {name: to_hex(x) if isinstance(x, float) else encode_value(x) for name, x in attributes.items()}
         return columns | {"covariance": self.covariance}, metadata, self._column_units
 
     @staticmethod
@@ -575,17 +572,14 @@ class Solution(LinearSolution):
     def _decode_attributes(cls, columns, metadata):
         """Attributes of every solution."""
         stored_attributes = {"floor": None, "formal_covariance": None} | metadata  # which older files lack
-        attributes = {name: decode_value(stored_attributes[name]) for name in cls._list_plain_attributes()}
-        attributes |= {name: from_hex(attributes[name]) for name in ("chi2", "covariance_dof", "by_prior")}
-        attributes |= {name: str(attributes[name]) for name in ("errors_from", "unit")}
-        attributes |= {name: attributes[name] is True for name in ("includes_floor", "is_recommended")}
-        attributes["n_data"], attributes["frame"] = (
-            check_count(attributes["n_data"]),
-            check_frame(attributes["frame"]),
-        )
-        attributes["notes"] = add_codes(check_strings(metadata["notes"]), check_strings(metadata["note_codes"]))
+        plain = {name: decode_value(stored_attributes[name]) for name in cls._list_plain_attributes()}
+        plain |= {name: from_hex(plain[name]) for name in ("chi2", "covariance_dof", "by_prior")}
+        plain |= {name: str(plain[name]) for name in ("errors_from", "unit")}
+        plain |= {name: plain[name] is True for name in ("includes_floor", "is_recommended")}
+        plain["n_data"], plain["frame"] = (check_count(plain["n_data"]), check_frame(plain["frame"]))
+        plain["notes"] = add_codes(check_strings(metadata["notes"]), check_strings(metadata["note_codes"]))
         coefficients = cls._coefficients(metadata["lmax"], columns["value"])
-        return attributes | {"coefficients": coefficients, "covariance": columns["covariance"]}
+        return plain | {"coefficients": coefficients, "covariance": columns["covariance"]}
 
 
 def with_errors(

@@ -56,11 +56,7 @@ def spectrum(solution: Any) -> list[Degree]:
     """
     solution = solution_of(solution, "spectrum")
     modes = solution.modes
-    return [
-        _compute_degree_statistics(solution, kind, l)
-        for kind in modes.kinds
-        for l in range(modes.lowest, modes.lmax + 1)
-    ]
+    return [_compute_degree(solution, kind, l) for kind in modes.kinds for l in range(modes.lowest, modes.lmax + 1)]
 
 
 def compute_wilson_hilferty_z(w: float, n: float) -> float:
@@ -68,7 +64,7 @@ def compute_wilson_hilferty_z(w: float, n: float) -> float:
     return np.sqrt(4.5 * n) * (np.cbrt(w / n) - (1 - 2 / (9 * n)))
 
 
-def _compute_degree_statistics(solution, kind, l):
+def _compute_degree(solution, kind, l):
     n_coefficients = 2 * l + 1
     chi2 = solution.chi2_of_degree(kind, l)
     p_value = solution.p_value(kind, l)

@@ -51,8 +51,7 @@ def is_same_value(first: Any, second: Any) -> bool:
         return bool(np.isnan(second))
     if is_dataclass(first) and not isinstance(first, type) and type(first) is type(second):
         return all(
-            is_same_value(getattr(first, name), getattr(second, name))
-            for name in _list_constructor_attributes(type(first)) or ()
+            is_same_value(getattr(first, name), getattr(second, name)) for name in _list_attributes(type(first)) or ()
         )
     return bool(first == second)
 
@@ -66,7 +65,7 @@ def encode_value(value: Any) -> Any:
     if type(value).__module__.split(".")[0] in ("fit", "vsh") and (is_dataclass(value) or hasattr(value, "_fields")):
         class_and_module = {"type": type(value).__name__, "module": type(value).__module__}
         return class_and_module | {
-            "fields": {name: encode_value(getattr(value, name)) for name in _list_constructor_attributes(type(value))}
+            "fields": {name: encode_value(getattr(value, name)) for name in _list_attributes(type(value))}
         }
     if isinstance(value, np.bool_):
         return bool(value)
@@ -83,7 +82,7 @@ def encode_value(value: Any) -> Any:
     return str(value)
 
 
-def _list_constructor_attributes(record_class):
+def _list_attributes(record_class):
     """Names of what a dataclass or a NamedTuple is made with; None for anything else."""
     if is_dataclass(record_class):
         return [entry.name for entry in fields(record_class) if entry.init]
@@ -121,7 +120,7 @@ def decode_value(encoded: Any) -> Any:
     if not re.fullmatch(r"(fit|vsh)(\.\w+)+", encoded["module"]):
         raise TableError(f"a {encoded['type']}")
     record_class: Any = _import_class(encoded["module"], encoded["type"])
-    if _list_constructor_attributes(record_class) is None:
+    if _list_attributes(record_class) is None:
         raise TableError(f"a {encoded['type']}")
     return record_class(**{name: decode_value(item) for name, item in encoded["fields"].items()})
 
@@ -240,9 +239,7 @@ class Result(Frozen):
 
     def __repr__(self) -> str:
         """Name and attributes in one line, arrays by their shapes."""
-        attributes = [
-            f"{entry.name} {_format_value_briefly(getattr(self, entry.name))}" for entry in fields(cast(Any, self))
-        ]
+        attributes = [f"{entry.name} {_format_short(getattr(self, entry.name))}" for entry in fields(cast(Any, self))]
         return f"<{type(self).__name__}: {textwrap.shorten(', '.join(attributes), 200, placeholder=' …')}>"
 
     def _repr_html_(self) -> str:
@@ -339,7 +336,7 @@ class Result(Frozen):
         return hash((type(self).__name__, repr(self)))
 
 
-def _format_value_briefly(value):
+def _format_short(value):
     """A value in a few letters: arrays and sequences by their sizes."""
     if isinstance(value, np.ndarray):
         return f"({' × '.join(map(str, value.shape))})"

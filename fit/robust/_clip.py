@@ -142,7 +142,7 @@ def clip(
     limit_in_medians = (
         float(np.sqrt(chdtri(components, 2.0 ** -(kappa**2)) / chdtri(components, 0.5))) if threshold is None else 1.0
     )
-    selection_hash, previous_criterion, earlier_hashes = None, None, set()
+    selection_hash, before, earlier_hashes = None, None, set()
     for rounds in range(1, max_rounds + 1):
         solution = solve(normal)
         compute_distances = partial(_compute_distances, solution=solution)
@@ -172,25 +172,19 @@ def clip(
         selection_hash, n_kept = kept_summary["mark"], kept_summary["sources"]
         if selection_hash in earlier_hashes or rounds == max_rounds:
             n_swinging = sky.sum(
-                partial(
-                    _count_differing_sources,
-                    criterion=(compute_distances, limit),
-                    previous_criterion=previous_criterion,
-                ),
+                partial(_count_differing_sources, criterion=(compute_distances, limit), previous_criterion=before),
                 roles=(),
                 words="clip",
             )
         if selection_hash in earlier_hashes and n_swinging <= max(1, n_sources // 1000):
-            return _fit_sources_kept_by_both(
-                sky, modes, (compute_distances, limit), previous_criterion, rounds, n_swinging, q
-            )
+            return _fit_sources_kept_by_both(sky, modes, (compute_distances, limit), before, rounds, n_swinging, q)
         if selection_hash in earlier_hashes:
             raise ConvergenceError(
                 f"the clipping oscillates after {rounds} rounds: {n_swinging} sources are alternately clipped and kept "
                 f"at X ≈ {limit:.3g}. Take another kappa, or the absolute threshold={limit * 1.02:.3g}"
             )
         earlier_hashes.add(selection_hash)
-        previous_criterion = compute_distances, limit
+        before = compute_distances, limit
         normal = normal_equations(
             apply_step(sky, partial(_select_within_limit, compute_distances=compute_distances, limit=limit)), modes
         )
@@ -203,7 +197,7 @@ def _fit_sources_kept_by_both(sky, modes, criterion, previous_criterion, rounds,
     """The fit to what both choices keep between which a few sources swing."""
     compute_ratios = partial(_compute_larger_distance_ratio, criterion=criterion, previous_criterion=previous_criterion)
     select_kept = partial(_select_within_limit, compute_distances=compute_ratios, limit=1.0)
-    is_kept = None if sky.in_memory is None else compute_ratios(sky.in_memory) <= 1.0
+    mask = None if sky.in_memory is None else compute_ratios(sky.in_memory) <= 1.0
     normal = normal_equations(apply_step(sky, select_kept), modes)
     n_sources, n_kept = sky.sum(len), normal.n_sources
     limit = criterion[1]
@@ -211,37 +205,28 @@ def _fit_sources_kept_by_both(sky, modes, criterion, previous_criterion, rounds,
         f"clipped {n_sources - n_kept} of {n_sources} sources with X > {limit:.3g} ({rounds} rounds; {n_swinging} of "
         f"them {'was' if n_swinging == 1 else 'were'} alternately clipped and kept)"
     )
-    return _correct_clipping_bias(
-        solve(normal), is_kept, rounds, limit, q, CodedNote(note, CLIPPED), n_sources - n_kept
-    )
+    return _correct_clipping_bias(solve(normal), mask, rounds, limit, q, CodedNote(note, CLIPPED), n_sources - n_kept)
 
 
 def _compute_larger_distance_ratio(field, criterion, previous_criterion):
     """The larger of X over its limit by two fits."""
-    return np.maximum(
-        *(compute_distances(field) / limit for compute_distances, limit in (criterion, previous_criterion))
-    )
+    return np.maximum(*(distances(field) / limit for distances, limit in (criterion, previous_criterion)))
 
 
 def _correct_clipping_bias(solution, is_kept, rounds, limit, q, note, n_clipped):
     """The clipped solution, its errors and χ² corrected for the choice by residuals up to X²/2 = q."""
-    variance_factor, chi2_factor = compute_truncation_factors(q, solution.modes.components)
-    if variance_factor > 1.001:
-        note += (
-            f"; errors multiplied by {np.sqrt(variance_factor):.3f} and χ² divided by {chi2_factor:.3f} for that choice"
-        )
+    variance, share = compute_truncation_factors(q, solution.modes.components)
+    if variance > 1.001:
+        note += f"; errors multiplied by {np.sqrt(variance):.3f} and χ² divided by {share:.3f} for that choice"
     solution = replace(
-        solution,
-        covariance=solution.covariance * variance_factor,
-        chi2=solution.chi2 / chi2_factor,
-        notes=(*solution.notes, note),
+        solution, covariance=solution.covariance * variance, chi2=solution.chi2 / share, notes=(*solution.notes, note)
     )
     return ClippedFit(
         solution=solution,
         kept=is_kept,
         n_rounds=rounds,
         limit=limit,
-        factor=float(np.sqrt(variance_factor)),
+        factor=float(np.sqrt(variance)),
         n_clipped=n_clipped,
     )
 
@@ -262,9 +247,7 @@ def _select_within_limit(field, compute_distances, limit):
 
 def _count_differing_sources(field, criterion, previous_criterion):
     """Count the sources that one fit keeps and the other does not."""
-    is_kept, was_kept = (
-        compute_distances(field) <= limit for compute_distances, limit in (criterion, previous_criterion or criterion)
-    )
+    is_kept, was_kept = (distances(field) <= limit for distances, limit in (criterion, previous_criterion or criterion))
     return int((is_kept != was_kept).sum())
 
 
@@ -391,16 +374,14 @@ def excess_noise(
             f"the excess noise has not settled after {likelihood.n_rounds} fits: it is {distance_text} of its errors "
             f"from the maximum of the likelihood; allow more than max_rounds={max_rounds}"
         )
-    noise_unit = likelihood.noise_unit
+    unit = likelihood.noise_unit
     noisy_sky = sky.map(likelihood.make_error_model(parameters))
     solution = solve(likelihood.compute_likelihood_sums(parameters)["normal"])
     covariance, dof = sandwich(noisy_sky, partial(_compute_unit_score_factors, solution=solution), modes)
-    noise_sigma = noise_unit * np.sqrt(parameters[0])
+    noise_sigma = unit * np.sqrt(parameters[0])
     # From the variance s² to s; at the boundary s = 0 the error is the s at one error of s².
     noise_sigma_error = (
-        noise_unit**2 * errors[0] / (2 * noise_sigma)
-        if parameters[0] > errors[0] / 4
-        else noise_unit * np.sqrt(errors[0])
+        unit**2 * errors[0] / (2 * noise_sigma) if parameters[0] > errors[0] / 4 else unit * np.sqrt(errors[0])
     )
     scale_factor = float(np.sqrt(parameters[1])) if scale else 1.0
     scale_factor_error = float(errors[1] / (2 * scale_factor)) if scale else 0.0
@@ -443,7 +424,7 @@ def _count_and_sum_weights(field):
     return len(field), float(field.information.sum())
 
 
-def _sum_restricted_likelihood_terms(field, error_model, modes):
+def _sum_likelihood_terms(field, error_model, modes):
     """All that the likelihood needs of some sources."""
     field = error_model(field)
     k, weights = field.components, field.weights
@@ -487,9 +468,7 @@ class _RestrictedLikelihood:
         key = tuple(map(float, parameters))
         if key != self.cached_sums[0]:
             self.n_rounds += 1
-            sum_terms = partial(
-                _sum_restricted_likelihood_terms, error_model=self.make_error_model(parameters), modes=self.modes
-            )
+            sum_terms = partial(_sum_likelihood_terms, error_model=self.make_error_model(parameters), modes=self.modes)
             self.cached_sums = key, self.sky.sum(sum_terms, roles=(), words=f"excess noise, trial {self.n_rounds}")
         return self.cached_sums[1]
 
@@ -541,12 +520,10 @@ class _RestrictedLikelihood:
                 break
             lower_limits = np.array([0.0, 1e-6])[: len(step)]
             for fraction in (1.0, 0.5, 0.25, 0.1, 0.03):
-                trial_parameters = np.maximum(
-                    parameters + fraction * np.clip(step, -2 * errors, 2 * errors), lower_limits
-                )
-                if self.compute_loss_and_gradient(trial_parameters)[0] <= loss:
+                trial = np.maximum(parameters + fraction * np.clip(step, -2 * errors, 2 * errors), lower_limits)
+                if self.compute_loss_and_gradient(trial)[0] <= loss:
                     break
-            parameters = trial_parameters
+            parameters = trial
         return parameters
 
     def estimate_excess_variance(self):

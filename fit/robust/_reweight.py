@@ -191,13 +191,11 @@ def _find_likeliest_nu(mean_logs, components):
     )
     log_densities = _compute_mean_log_density(np.exp(log_nu), components, interpolated_mean_logs)
     peak_index = int(np.clip(np.argmax(log_densities), 1, len(log_densities) - 2))
-    rise, curvature = (
+    rise, bend = (
         (log_densities[peak_index + 1] - log_densities[peak_index - 1]) / 2,
         log_densities[peak_index + 1] - 2 * log_densities[peak_index] + log_densities[peak_index - 1],
     )
-    peak_offset = (
-        np.clip(-rise / curvature, -1, 1) if curvature < 0 else np.sign(rise)
-    )  # of the parabola through three points
+    peak_offset = np.clip(-rise / bend, -1, 1) if bend < 0 else np.sign(rise)  # of the parabola through three points
     return float(np.exp(log_nu[peak_index] + peak_offset * (log_nu[1] - log_nu[0])))
 
 
@@ -278,10 +276,8 @@ class ReweightedFit(AboutSolution):
         words = "weights of the classes"
         sums = sky.sum(partial(_sum_scale_terms, weigher=self.share), roles=(), words=words)
         factor = sums["u"] * sums["ψ²"] / (modes.components * sums["ψ'"] ** 2)
-        sum_equations = partial(
-            _sum_class_equations, weigher=self.share, modes=modes, residual_stretch=sums["u"] / sums["ψ'"]
-        )
-        normal = sky.sum(sum_equations, roles=(), words=words)
+        work = partial(_sum_class_equations, weigher=self.share, modes=modes, residual_stretch=sums["u"] / sums["ψ'"])
+        normal = sky.sum(work, roles=(), words=words)
         scaled_terms = {name: getattr(normal, name) / factor for name in ("matrix", "rhs", "chi2_null")}
         new_templates = template_fields(templates, modes, normal.frame or "icrs") if templates else normal.templates
         return replace(normal, templates=new_templates, **scaled_terms)
@@ -394,29 +390,21 @@ def _fit_by_newton(sky, plain, t_weights, information, tolerance, max_rounds, le
         sample_sources = sample_of(sky, max(_SAMPLE, _SOURCES_PER_COEFFICIENT * len(modes), n // 100), n, draw=1)
         if not len(modes) < len(sample_sources) < n / 2:
             raise ConvergenceError(f"{len(sample_sources)} of {n} sources are no sample: are many at one place?")
-        sample_parts = as_parts(sample_sources, SourcesWithErrors)
-        _, solution, weigher, _, _ = _fit_plain_and_reweighted(
-            sample_parts, modes, t_weights, _SAMPLE_TOLERANCE, max_rounds
-        )
-        leverage, values, t_weights = (
-            weigher.leverage * len(sample_parts.in_memory) / n,
-            solution.values,
-            weigher.weight,
-        )
+        sample = as_parts(sample_sources, SourcesWithErrors)
+        _, solution, weigher, _, _ = _fit_plain_and_reweighted(sample, modes, t_weights, _SAMPLE_TOLERANCE, max_rounds)
+        leverage, values, t_weights = (weigher.leverage * len(sample.in_memory) / n, solution.values, weigher.weight)
         if t_weights.nu < least_nu:
             raise TailsError(f"ν = {t_weights.nu:.2g} in a sample of the sources")
-    inverse_hessian, previous_change = None, 0.0
+    inverse, previous_change = None, 0.0
     for rounds in range(1, _MOST_STEPS + 1):
         solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
         weigher, words = SourceWeights(solution, t_weights, leverage), f"{_LABEL}, step {rounds}"
         sums = sky.sum(partial(_sum_newton_terms, weigher=weigher), roles=(), words=words)
         step = plain.covariance @ sums["score"] * (sums["information"] / sums["ψ'"])
-        step = step if inverse_hessian is None else inverse_hessian @ sums["score"]
+        step = step if inverse is None else inverse @ sums["score"]
         if np.abs(step / plain.sigma).max() > _SLOW_STEP_RATIO * previous_change > 0:
-            inverse_hessian = np.linalg.inv(
-                sky.sum(partial(_sum_hessian, weigher=weigher, modes=modes), roles=(), words=words)
-            )
-            step = inverse_hessian @ sums["score"]
+            inverse = np.linalg.inv(sky.sum(partial(_sum_hessian, weigher=weigher, modes=modes), roles=(), words=words))
+            step = inverse @ sums["score"]
         values = values + step
         t_weights, change = t_weights.take_newton_step(sums, n)
         leverage = len(modes) / modes.components / sums["u"]
@@ -539,10 +527,8 @@ def _add_noise_to_errors(field, noise):
 def _compute_log_likelihood(sky, weigher):
     """ln of the likelihood of a Student-t fit."""
     sums = sky.sum(partial(_sum_likelihood_terms, weigher=weigher), roles=(), words=f"{_LABEL}, likelihood")
-    mean_log_density = _compute_mean_log_density(
-        weigher.weight.nu, weigher.weight.components, sums["log"] / sums["sources"]
-    )
-    return float(sums["sources"] * mean_log_density - sums["logdet"] / 2)
+    mean = _compute_mean_log_density(weigher.weight.nu, weigher.weight.components, sums["log"] / sums["sources"])
+    return float(sums["sources"] * mean - sums["logdet"] / 2)
 
 
 def _sum_chi2(field, solution):

@@ -121,7 +121,7 @@ class ParallaxEquations:
         n_near = 0 if self.flow is None else len(self.flow.lon)
         far_row_numbers = np.r_[n_near:n, n + n_near : 2 * n]
 
-        def compute_gram_and_logdet(row_numbers, flow_columns):
+        def weighted_gram(row_numbers, flow_columns):
             base_variance = self.variance[row_numbers, None] + self.left[row_numbers, None] * ratio**2
             variance = self.rate[row_numbers, None] ** 2 * squared_scatters[0] + (base_variance + squared_scatters[1])
             rows = np.concatenate([self.design[row_numbers].T, self.motion[row_numbers][None], *flow_columns])
@@ -129,12 +129,10 @@ class ParallaxEquations:
 
         def sum_near_chunk(chunk):
             assert self.flow is not None
-            return compute_gram_and_logdet(
-                np.r_[chunk, slice(n + chunk.start, n + chunk.stop)], [self.flow.columns(chunk).T]
-            )
+            return weighted_gram(np.r_[chunk, slice(n + chunk.start, n + chunk.stop)], [self.flow.columns(chunk).T])
 
         def sum_far_chunk(chunk):
-            return compute_gram_and_logdet(far_row_numbers[chunk], [])
+            return weighted_gram(far_row_numbers[chunk], [])
 
         n_columns = n_far_columns + (0 if self.modes is None else len(self.modes))
         gram: Any = np.zeros((n_variances, n_columns, n_columns))
@@ -186,18 +184,18 @@ def make_field_equations(
     """The equations of a field."""
     k = inverse_distances(field, calibration, threads)
     distance = k.distance * calibration.little_h
-    mean_k, motion, notes = k.mean, field.motion, field.notes
+    mean, motion, notes = k.mean, field.motion, field.notes
     if reconstruction is not None:
         tangential_velocity, mean_shift, flow_notes = compute_known_flow(reconstruction, field, distance, k.slope)
-        mean_k = mean_k + np.clip(mean_shift, -mean_k / 2, mean_k)
-        motion, notes = motion - tangential_velocity * mean_k * np.where(k.own, 1.0, ratio), (*notes, *flow_notes)
+        mean = mean + np.clip(mean_shift, -mean / 2, mean)
+        motion, notes = motion - tangential_velocity * mean * np.where(k.own, 1.0, ratio), (*notes, *flow_notes)
     distance_ratio = np.where(k.own, ratio, 1.0)  # what is in Mpc moves by v/d, not by u/d
-    mean_k, variance_of_k = mean_k / distance_ratio, k.variance / distance_ratio**2
+    mean, variance_of_k = mean / distance_ratio, k.variance / distance_ratio**2
     p, q, _ = triad(field.lon, field.lat)
     cos, sin, major_variance, minor_variance = _compute_error_ellipses(field, calibration, k)
     own_mask = np.where(k.own & apart, 1.0, 0.0)
     # Our own motion moves sources by v/d_P, which in curved space is another distance than d_M.
-    parallax_rate = mean_k * parallax_distance_ratio(
+    parallax_rate = mean * parallax_distance_ratio(
         1 / (AU_PER_YEAR * np.where(k.own, k.mean / ratio, k.mean)), calibration.cosmology
     )
     velocity_columns = -parallax_rate * np.stack([p, q])
@@ -213,12 +211,10 @@ def make_field_equations(
         near_first = np.argsort(~is_near, kind="stable")
         near_indices = near_first[: is_near.sum()]
         residual_variance[is_near] = modes.left(distance[is_near])[0]
-        flow = FlowColumns(
-            modes, *(array[near_indices] for array in (field.lon, field.lat, distance, mean_k, cos, sin))
-        )
-    rate = np.sqrt(mean_k**2 + variance_of_k)
+        flow = FlowColumns(modes, *(array[near_indices] for array in (field.lon, field.lat, distance, mean, cos, sin)))
+    rate = np.sqrt(mean**2 + variance_of_k)
     scatter_variance, residual_variance = variance_of_k * velocity_variance, residual_variance * rate**2
-    columns_by_name: dict[str, Any] = {
+    rows: dict[str, Any] = {
         "design": np.concatenate([cos * east + sin * north, cos * north - sin * east], axis=1).T,
         "motion": np.concatenate([cos * motion[0] + sin * motion[1], cos * motion[1] - sin * motion[0]]),
         "variance": np.concatenate([major_variance + scatter_variance, minor_variance + scatter_variance]),
@@ -227,11 +223,9 @@ def make_field_equations(
     }
     if modes is not None:
         row_order = np.r_[near_first, near_first + len(field)]
-        columns_by_name = {name: column[row_order] for name, column in columns_by_name.items()}
+        rows = {name: column[row_order] for name, column in rows.items()}
     hubble, notes = hubble_value(calibration.cosmology), (*notes, *calibration.notes)
-    return ParallaxEquations(
-        **columns_by_name, hubble=hubble, frame=field.frame, notes=notes, flow=flow, n_own=int(k.own.sum())
-    )
+    return ParallaxEquations(**rows, hubble=hubble, frame=field.frame, notes=notes, flow=flow, n_own=int(k.own.sum()))
 
 
 def _compute_error_ellipses(field, calibration, k):
@@ -278,14 +272,10 @@ class ParallaxParts:
         facts = sky.sum(collect_facts, roles=DISTANCES, words="redshifts")
         if len(facts["frames"]) > 1:
             raise FrameError(f"parts are in {' and '.join(sorted(facts['frames']))}: take all to one frame")
-        attributes = {
-            "frame": next(iter(facts["frames"])),
-            "notes": merge_notes(*facts["notes"]),
-            "n_own": facts["n_own"],
-        }
-        attributes |= {"smallest_variance": min(facts["variance"]), "largest_rate": max(facts["rate"])}
+        about = {"frame": next(iter(facts["frames"])), "notes": merge_notes(*facts["notes"]), "n_own": facts["n_own"]}
+        about |= {"smallest_variance": min(facts["variance"]), "largest_rate": max(facts["rate"])}
         hubble = hubble_value(calibration.cosmology)
-        return cls(sky, calibration, options, n_data=facts["n_data"], hubble=hubble, **attributes)
+        return cls(sky, calibration, options, n_data=facts["n_data"], hubble=hubble, **about)
 
     def sums(self, *spreads: ArrayLike, **keywords: Any) -> ParallaxSums:
         """Compute the sums of `ParallaxEquations.sums`, with its arguments."""
@@ -410,10 +400,8 @@ class Flow(Result):
 
     def to_table(self) -> Table:
         """Mean velocities of shells as an astropy Table, a row each."""
-        farthest_radius = float(self.modes.radii[-1])
-        radii = [radius for radius in (10.0, 20.0, 40.0, 80.0, 160.0, 320.0) if radius <= farthest_radius] or [
-            farthest_radius
-        ]
+        farthest = float(self.modes.radii[-1])
+        radii = [radius for radius in (10.0, 20.0, 40.0, 80.0, 160.0, 320.0) if radius <= farthest] or [farthest]
         bulk_velocities = [self.bulk(radius) for radius in radii]
         columns: dict[str, Any] = {"distance": radii}
         for i, axis in enumerate("xyz"):
@@ -665,14 +653,12 @@ def solve_for_parameters(
     return attributes
 
 
-def check_parameters_determined(
-    matrix: FloatArray, names: Sequence[str], n_sources: int, condition_limit: float = 1e10
-) -> None:
+def check_parameters_determined(matrix: FloatArray, names: Sequence[str], n_sources: int, limit: float = 1e10) -> None:
     """Raise DegeneracyError if the data do not determine some combination of the parameters."""
     diagonal = np.diag(matrix)
     if 2 * n_sources >= len(names) and (diagonal > 0).all():
         eigenvalues = np.linalg.eigvalsh(matrix / np.sqrt(np.outer(diagonal, diagonal)))
-        if eigenvalues[0] * condition_limit > eigenvalues[-1]:
+        if eigenvalues[0] * limit > eigenvalues[-1]:
             return
     raise DegeneracyError(
         f"{n_sources} sources cannot separate {', '.join(names)}: more sources, over more of the sky and of "

@@ -155,7 +155,7 @@ def _make_solver_and_dispersions(
 
     The dispersion that the residuals prefer is None for parts, and where it is not `preferred`, asked for.
     """
-    local_group_measurement, sums = (
+    group, sums = (
         make_local_group_measurement(local_group, equations),
         equations.sums(dispersion * ratio, excess_noise, ratio=ratio),
     )
@@ -167,11 +167,7 @@ def _make_solver_and_dispersions(
         preferred_dispersion = find_preferred_dispersion(equations, dispersion, excess_noise, acceleration, ratio, spin)
     solver_options = {"spin": spin, "equations": equations, "acceleration": acceleration, "ratio": ratio}
     solve_equations = partial(
-        solve_for_parameters,
-        sums,
-        **solver_options,
-        local_group_measurement=local_group_measurement,
-        omitted_flow_sums=omitted_flow_sums,
+        solve_for_parameters, sums, **solver_options, local_group_measurement=group, omitted_flow_sums=omitted_flow_sums
     )
     return solve_equations, {"preferred": preferred_dispersion, "peculiar_dispersion": dispersion}
 
@@ -254,19 +250,17 @@ def _solve_for_hubble(equations, velocity, dispersion, hubble=None, **fit_option
     ratio = 1.0 if hubble is None else hubble / equations.hubble
     solve_equations, dispersions = _make_solver_and_dispersions(equations, dispersion, ratio, **fit_options)
 
-    def solve_at_velocity(v):
+    def solve_at(v):
         to_u = np.zeros((12, 4))
         to_u[U, 0] = v / equations.hubble
         to_u[A, 1:] = np.eye(3)
         return solve_equations(to_u, ("H0", "a_x", "a_y", "a_z"), velocity=v)
 
-    attributes = solve_at_velocity(velocity.value)
+    attributes = solve_at(velocity.value)
     if velocity.covariance.any():
         step = 1e-4 * velocity.amplitude
         v, steps = velocity.value, step * np.eye(3)
-        slopes = np.stack(
-            [solve_at_velocity(v + s)["values"] - solve_at_velocity(v - s)["values"] for s in steps], axis=1
-        ) / (2 * step)
+        slopes = np.stack([solve_at(v + s)["values"] - solve_at(v - s)["values"] for s in steps], axis=1) / (2 * step)
         attributes["covariance"] = attributes["covariance"] + slopes @ velocity.covariance @ slopes.T
     return HubbleSolution(**attributes, **dispersions, assumed_velocity=velocity)
 
@@ -448,11 +442,9 @@ def forecast_velocity(
         for limit in limits:
             selection = field[np.asarray(field.redshift) < limit]
             sources.append(len(selection))
-            for assumption in KNOWN_ASSUMPTIONS.values():
+            for options in KNOWN_ASSUMPTIONS.values():
                 prediction_options = (
-                    {"redshift_frame": redshift_frame}
-                    | assumption
-                    | ({"n_modes": n_modes} if assumption["flows"] else {})
+                    {"redshift_frame": redshift_frame} | options | ({"n_modes": n_modes} if options["flows"] else {})
                 )
                 velocity_solution, hubble_solution = predict_errors(selection, hubble, **prediction_options)
                 velocity_errors.append(np.sqrt(np.trace(velocity_solution.velocity.covariance) / 3))

@@ -154,12 +154,9 @@ class DistanceModel(InNotebook):
             field, calibration, theory=theory, modes=modes, reconstruction=self.reconstruction, **equation_options
         )
         if theory is None and flow_left_out:
-            omitted_modes = make_flow_modes_within(limits, calibration.cosmology, LINEAR_PLANCK18, _N_OMITTED_MODES)
+            extra = make_flow_modes_within(limits, calibration.cosmology, LINEAR_PLANCK18, _N_OMITTED_MODES)
             equations = replace(
-                equations,
-                left_out=None
-                if omitted_modes is None
-                else OmittedFlow(field, calibration, omitted_modes, equation_options),
+                equations, left_out=None if extra is None else OmittedFlow(field, calibration, extra, equation_options)
             )
         return equations
 

@@ -34,17 +34,15 @@ def plot_flow(flow: Any, *, ax: OnAxes | None = None) -> AxesArray:
     subplots = panels(ax, len(radii), 1, size=(WIDTH, 2.15 * len(radii) + 0.5))
     lon, lat = centres(_NSIDE)
     radial_velocities = [flow.at(lon, lat, np.full(lon.size, radius))[1] for radius in radii]
-    largest_velocity = max(float(np.abs(velocities).max()) for velocities in radial_velocities) or 1.0
+    reach = max(float(np.abs(velocities).max()) for velocities in radial_velocities) or 1.0
     image: Any = None
     for i, (radius, radial_velocity) in enumerate(zip(radii, radial_velocities, strict=True)):
         axes = subplots[i] = sky_axes(flow.frame, subplots[i])
-        image = draw_map(
-            axes, radial_velocity, cmap=DIVERGING, vmin=-largest_velocity, vmax=largest_velocity, alpha=0.85
-        )
+        image = draw_map(axes, radial_velocity, cmap=DIVERGING, vmin=-reach, vmax=reach, alpha=0.85)
         arrow_positions = arrow_grid(axes, 18.0)
         tangential, _ = flow.at(*arrow_positions, np.full(arrow_positions[0].size, radius))
-        draw_vectors(axes, *arrow_positions, tangential, scale=largest_velocity, longest=_LONGEST, color="0.1")
-        draw_key(axes, largest_velocity, "km/s across", _LONGEST)
+        draw_vectors(axes, *arrow_positions, tangential, scale=reach, longest=_LONGEST, color="0.1")
+        draw_key(axes, reach, "km/s across", _LONGEST)
         known_share = _compute_known_variance_share(flow, radius)
         axes.set_title(f"{radius:.0f} Mpc/h: {known_share:.0%} of the variance known")
     bar = axes.figure.colorbar(image, ax=list(subplots), orientation="horizontal", shrink=0.7, pad=0.02, aspect=30)

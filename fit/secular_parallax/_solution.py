@@ -56,10 +56,8 @@ def _make_vectors_table(solution, truth, long):
         v = solution.velocity
         rows.append(("velocity [km/s]", *format_components(v), format_amplitude(v)))
         if "velocity" in truth:
-            true_velocity = truth["velocity"].to_frame(solution.frame)
-            expected_velocity = replace(
-                true_velocity, value=true_velocity.value * truth["hubble"] / solution.assumed_hubble
-            )
+            true = truth["velocity"].to_frame(solution.frame)
+            expected_velocity = replace(true, value=true.value * truth["hubble"] / solution.assumed_hubble)
             is_other = truth["hubble"] != solution.assumed_hubble
             rows.append(
                 _make_truth_row(v, expected_velocity, "+.1f", f"(simulated with H0 = {truth['hubble']:g})" * is_other)
@@ -97,7 +95,7 @@ def _judge_assumed_dispersion(solution):
     return True, f"the residuals {preferred_range}: results are biased where the dispersion is wrong, {remedy_text}"
 
 
-def _describe_omitted_flow(solution):
+def _note_omitted_flow(solution):
     """The size of flows that errors leave out."""
     if solution.flow_covariance is None:
         return []
@@ -176,7 +174,7 @@ def _list_hubble_facts(solution, quality, truth):
 
 
 #: Dispersions that are tried. [km/s]
-DISPERSION_GRID = np.array([0.0, 40.0, 80.0, 120.0, 160.0, 210.0, 270.0, 350.0, 450.0, 600.0, 800.0, 1050.0, 1400.0])
+GRID = np.array([0.0, 40.0, 80.0, 120.0, 160.0, 210.0, 270.0, 350.0, 450.0, 600.0, 800.0, 1050.0, 1400.0])
 _MOST_SENSITIVE_SOURCES = 4000
 
 
@@ -193,7 +191,7 @@ class PreferredDispersion:
     def constrained(self) -> bool:
         """Return whether residuals constrain it: 68 % of the likelihood within a third of what was tried, not at its
         end."""
-        return self.high - self.low < DISPERSION_GRID[-1] / 3 and self.high < 0.95 * DISPERSION_GRID[-1]
+        return self.high - self.low < GRID[-1] / 3 and self.high < 0.95 * GRID[-1]
 
 
 def find_preferred_dispersion(
@@ -205,25 +203,18 @@ def find_preferred_dispersion(
     spin: Literal["free"] | Vector | None = None,
 ) -> PreferredDispersion:
     """Find the dispersion that residuals prefer; `assumed_dispersion` is that of the estimate. [km/s]"""
-    sensitive_equations = equations.select_most_sensitive(_MOST_SENSITIVE_SOURCES)
-    sums = add_acceleration_prior(
-        sensitive_equations.sums(DISPERSION_GRID * ratio, excess_noise, ratio=ratio), acceleration, equations.frame
-    )
+    few = equations.select_most_sensitive(_MOST_SENSITIVE_SOURCES)
+    sums = add_acceleration_prior(few.sums(GRID * ratio, excess_noise, ratio=ratio), acceleration, equations.frame)
     if equations.modes is not None:
         sums, _ = marginalise_flow(
-            add_flow_prior(sums, sensitive_equations.design.shape[1], np.full(len(DISPERSION_GRID), ratio)),
-            sensitive_equations.design.shape[1],
+            add_flow_prior(sums, few.design.shape[1], np.full(len(GRID), ratio)), few.design.shape[1]
         )
-    is_spin_free = spin is not None
+    is_free = spin is not None
     if isinstance(spin, Vector):
-        known_spin = spin.to_frame(equations.frame)
-        is_spin_free = bool(np.linalg.det(known_spin.covariance) > 0)
-        sums = (
-            add_vector_prior(sums, known_spin, OMEGA)
-            if is_spin_free
-            else subtract_known_motions(sums, known_spin.value, OMEGA)
-        )
-    parameters = slice(0, OMEGA.stop if is_spin_free else OMEGA.start)
+        known = spin.to_frame(equations.frame)
+        is_free = bool(np.linalg.det(known.covariance) > 0)
+        sums = add_vector_prior(sums, known, OMEGA) if is_free else subtract_known_motions(sums, known.value, OMEGA)
+    parameters = slice(0, OMEGA.stop if is_free else OMEGA.start)
     columns = np.r_[parameters, V] if sums.matrix[:, V].any() else np.r_[parameters]
     matrix, rhs = sums.matrix[:, columns[:, None], columns], sums.rhs[:, columns]
     matrix = matrix + 1e-12 * np.trace(matrix, axis1=1, axis2=2)[:, None, None] * np.eye(matrix.shape[1])
@@ -234,13 +225,13 @@ def find_preferred_dispersion(
 
 def _summarise_dispersion_likelihood(log_likelihood: FloatArray, assumed_dispersion: float) -> PreferredDispersion:
     """Summarise ln L on the grid."""
-    log_likelihood_curve = CubicSpline(DISPERSION_GRID, log_likelihood)
-    dispersions = np.linspace(0, DISPERSION_GRID[-1], 1401)
+    log_likelihood_curve = CubicSpline(GRID, log_likelihood)
+    dispersions = np.linspace(0, GRID[-1], 1401)
     fine_log_likelihoods = log_likelihood_curve(dispersions)
     best_index = int(np.argmax(fine_log_likelihoods))
     cumulative = np.cumsum(np.exp(fine_log_likelihoods - fine_log_likelihoods[best_index]))
     lower_dispersion, upper_dispersion = np.interp([0.15865525, 0.84134475], cumulative / cumulative[-1], dispersions)
-    gain = fine_log_likelihoods[best_index] - float(log_likelihood_curve(min(assumed_dispersion, DISPERSION_GRID[-1])))
+    gain = fine_log_likelihoods[best_index] - float(log_likelihood_curve(min(assumed_dispersion, GRID[-1])))
     return PreferredDispersion(
         float(dispersions[best_index]), float(lower_dispersion), float(upper_dispersion), float(max(gain, 0.0))
     )
@@ -287,12 +278,8 @@ class ParallaxSolution(NamedSolution):
         """Share of the variance of v, or of H0, that is due to flows; None where none were fitted."""
         if self.flow is None or self.noise_covariance is None:
             return None
-        n_parameters = 3 if self.names[0] == "v_x" else 1
-        return float(
-            1
-            - np.trace(self.noise_covariance[:n_parameters, :n_parameters])
-            / np.trace(self.covariance[:n_parameters, :n_parameters])
-        )
+        size = 3 if self.names[0] == "v_x" else 1
+        return float(1 - np.trace(self.noise_covariance[:size, :size]) / np.trace(self.covariance[:size, :size]))
 
     def to_table(self) -> Table:
         """Parameters with their errors, units and correlations as an astropy Table, a row each; tests in its meta."""
@@ -333,15 +320,10 @@ class ParallaxSolution(NamedSolution):
             facts.append(("warning" if is_warned else "residuals", verdict))
         correlation_columns = {"parameter": list(self.names)} | dict(zip(self.names, self.correlation.T, strict=True))
         forms = dict.fromkeys(self.names, "+.3f")
-        correlations_section = Section(
-            "Correlations", (), tables.table_of(correlation_columns), forms=forms, notes=self.notes
-        )
+        below = Section("Correlations", (), tables.table_of(correlation_columns), forms=forms, notes=self.notes)
         if np.isnan(self.values).all():
             errors = tables.table_of({"parameter": list(self.names), "error": self.sigma})
-            return (
-                Section(f"{quantity} from the secular parallax of galaxies: errors of a fit", facts, errors),
-                correlations_section,
-            )
+            return (Section(f"{quantity} from the secular parallax of galaxies: errors of a fit", facts, errors), below)
         if long:
             facts.append(("χ²/dof", f"{self.chi2:.6g} / {self.dof}"))
         if quality.warning():
@@ -354,10 +336,8 @@ class ParallaxSolution(NamedSolution):
         if is_seen(a) and (long or is_velocity):
             facts.append(("acceleration", format_direction(a.to_frame("galactic"))))
         title = f"{quantity} from the secular parallax of galaxies"
-        section = Section(
-            title, facts, _make_vectors_table(self, truth or {}, long), remarks=_describe_omitted_flow(self)
-        )
-        return (section, correlations_section) if long else (replace(section, notes=self.notes),)
+        section = Section(title, facts, _make_vectors_table(self, truth or {}, long), remarks=_note_omitted_flow(self))
+        return (section, below) if long else (replace(section, notes=self.notes),)
 
     def _collect_table_metadata(self):
         """p-values and limits by name."""
@@ -368,10 +348,8 @@ class ParallaxSolution(NamedSolution):
         p, q, _ = triad(field.lon, field.lat)
         rate = 1 / (AU_PER_YEAR * transverse_distance(field.redshift, None, hubble=hubble))
         spin = self.spin
-        spin_and_acceleration = Coefficients.from_vectors(
-            np.zeros(3) if spin is None else spin.value, self.acceleration.value
-        )
-        return spin_and_acceleration.at(field.lon, field.lat) - np.stack([velocity @ p, velocity @ q]) * rate
+        vectors = Coefficients.from_vectors(np.zeros(3) if spin is None else spin.value, self.acceleration.value)
+        return vectors.at(field.lon, field.lat) - np.stack([velocity @ p, velocity @ q]) * rate
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -17,15 +17,13 @@ def plot_search(search: Any, *, ax: OnAxes | None = None) -> AxesArray:
     p_text = format_simulated_p_value(search.p_value, search.n_skies)
     heading = f"largest 2F = {search.statistic.max():.1f}; p-value {p_text} with all directions looked at"
     subplots = panels(ax, 2, 1, size=(WIDTH, 5.2))
-    for panel_index, map_values, label, cmap, title in (
+    for panel, map_values, label, cmap, title in (
         (0, search.statistic, "2F of a wave that travels there", "viridis", heading),
         (1, search.limits, f"95 % limit on its amplitude  [{search.unit}]", "cividis", None),
     ):
-        subplots[panel_index] = plot_map(
-            map_values, label, frame=search.frame, cmap=cmap, title=title, ax=subplots[panel_index]
-        )
+        subplots[panel] = plot_map(map_values, label, frame=search.frame, cmap=cmap, title=title, ax=subplots[panel])
         draw_points(
-            subplots[panel_index],
+            subplots[panel],
             *np.radians(search.direction),
             marker="+",
             s=60,

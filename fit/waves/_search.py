@@ -229,25 +229,20 @@ class WaveSearch(Result):
             direction_texts.append(
                 ", ".join(f"{name} = {value:.1f}°" for name, value in zip(ANGLES[frame], direction, strict=True))
             )
-        best_amplitudes = self.amplitudes[:, np.argmax(self.statistic)]
-        labels = ("plus", "cross") if len(best_amplitudes) == 2 else ("plus cos", "cross cos", "plus sin", "cross sin")
-        amplitudes_text = ", ".join(
-            f"{label} {value:+.4g}" for label, value in zip(labels, best_amplitudes, strict=True)
-        )
+        best = self.amplitudes[:, np.argmax(self.statistic)]
+        labels = ("plus", "cross") if len(best) == 2 else ("plus cos", "cross cos", "plus sin", "cross sin")
+        amplitudes_text = ", ".join(f"{label} {value:+.4g}" for label, value in zip(labels, best, strict=True))
         lower, median, upper = np.quantile(self.limits, [0, 0.5, 1])
         strain_text = f"{compute_strain(median, 1.0):.3g} (1 nHz/f)"
         if self.unit == "µas":
             strain_text = f"{float(self._convert_to_strains(np.array(median), None)):.3g}"
-        largest_text = f"{self.statistic.max():.2f} of {len(self.statistic)} directions"
+        of_all = f"{self.statistic.max():.2f} of {len(self.statistic)} directions"
         p_text = format_simulated_p_value(self.p_value, self.n_skies)
         period_text = f"at {self.frequency:.4g} per year" if self.frequency else "longer than the observations"
         median_text = f"median {median:.4g}, a strain of {strain_text}"
         facts = [
             ("data", f"degrees {self.degrees[0]} to {self.degrees[-1]} of {self.n_data} numbers"),
-            (
-                "largest 2F",
-                f"{largest_text}; noise alone gives χ² with {len(self.amplitudes)} degrees of freedom in each",
-            ),
+            ("largest 2F", f"{of_all}; noise alone gives χ² with {len(self.amplitudes)} degrees of freedom in each"),
             ("p-value", f"{p_text} for as large a 2F anywhere from noise alone ({self.n_skies} simulated skies)"),
             ("travels to", "; ".join(direction_texts)),
             ("best wave", f"{amplitudes_text} {self.unit}"),
@@ -406,22 +401,20 @@ class WaveSpectrum(Result):
         p_text = format_simulated_p_value(self.p_value, self.n_skies)
         is_detected, is_above_all_skies = self.p_value < SEEN, _is_reached_by_no_sky(self.p_value, self.n_skies)
         verdict = "detected" if is_detected else "not decided" if is_above_all_skies else "not detected"
-        verdict_text = (
-            f"{verdict} in a search of {len(self.frequencies)} frequencies, p = {p_text} for all of them together"
-        )
+        text = f"{verdict} in a search of {len(self.frequencies)} frequencies, p = {p_text} for all of them together"
         if is_detected:
-            verdict_text += f"; the largest at {self.frequencies[best_index]:.4g} per year"
+            text += f"; the largest at {self.frequencies[best_index]:.4g} per year"
         elif is_above_all_skies:
-            verdict_text += f": more than on all {self.n_skies} simulated skies; {round(1 / SEEN)} are needed (--skies)"
+            text += f": more than on all {self.n_skies} simulated skies; {round(1 / SEEN)} are needed (--skies)"
         elif hint := hint_of(self.p_value):
-            verdict_text += f" ({hint})"
+            text += f" ({hint})"
         medians = self.strain_limits[:, 1]
         lower, upper = (f"{value:.2g}" for value in (medians.min(), medians.max()))
         limits_text = f"< {lower} to {upper} (95 %, median of directions, by frequency)"
         if is_detected:
             strain, frequency = self.amplitudes[best_index] * UAS, self.frequencies[best_index]
             limits_text = f"{strain:.2g} at {frequency:.4g} per year, as fitted; where there is no wave {limits_text}"
-        return Answer((("wave", verdict_text), ("strain", limits_text)))
+        return Answer((("wave", text), ("strain", limits_text)))
 
     def _sections(self, long):
         best_index = int(np.argmax(self.statistic))
@@ -592,12 +585,7 @@ def _search_frequency(equations: TimeEquations, frequency, nside, n_skies, rng):
             f"at {frequency:.4g} per year {len(lost_indices)} of {len(unknowns)} combinations are absorbed by the "
             f"sources' own parallaxes, positions and motions: {examples}{'; …' if len(lost_indices) > 3 else ''}",
         )
-    attributes = {
-        "degrees": tuple(range(2, modes.lmax + 1)),
-        "frame": "icrs",
-        "n_data": equations.n_data,
-        "unit": "µas",
-    }
-    attributes |= {"frequency": float(frequency), "notes": notes}
-    wave_search, noise_maxima = _search_sky_and_noise(whitened, modes, nside, n_skies, rng, 2, **attributes)
+    about = {"degrees": tuple(range(2, modes.lmax + 1)), "frame": "icrs", "n_data": equations.n_data, "unit": "µas"}
+    about |= {"frequency": float(frequency), "notes": notes}
+    wave_search, noise_maxima = _search_sky_and_noise(whitened, modes, nside, n_skies, rng, 2, **about)
     return wave_search, noise_maxima, len(lost_indices)

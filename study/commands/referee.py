@@ -46,27 +46,23 @@ def _run(options):
     from study.referee import read_quasars, referee
 
     quasars = read_quasars(table_source, axes=options.frame, **reading.field_arguments(options) | {"format": None})
-    earlier_field = None
+    earlier = None
     if options.earlier:
         from vsh.io.catalogue import read_field
 
         read_earlier = partial(read_field, options.earlier, roles=("name",), on_bad=options.on_bad)
-        earlier_field = reading.read_one_of_several(options.earlier, read_earlier)
-    report = referee(quasars, options.seed, earlier=earlier_field)
+        earlier = reading.read_one_of_several(options.earlier, read_earlier)
+    report = referee(quasars, options.seed, earlier=earlier)
     counts = {"rows_used": len(quasars.whole), "rows_refused": count_dropped(quasars.field.notes)}
 
-    def draw_report_figures():
+    def draw():
         from study.referee.page import draw_figures
 
         return draw_figures(report)
 
     def make_sections(long):
-        earlier_sections = (
-            [Section(f"Earlier: {options.earlier}", notes=earlier_field.notes)]
-            if earlier_field and earlier_field.notes
-            else []
-        )
-        return [*report.details(long), *earlier_sections]
+        additions = [Section(f"Earlier: {options.earlier}", notes=earlier.notes)] if earlier and earlier.notes else []
+        return [*report.details(long), *additions]
 
     def write_tables(folder, meta):
         from vsh.io import tables
@@ -85,17 +81,8 @@ def _run(options):
         write_page(path, page_html, overwrite=True)
 
     run.finish(
-        [
-            finishing.Part(
-                "referee",
-                None,
-                sections=make_sections,
-                plot=draw_report_figures,
-                tables=report.tables,
-                files=write_tables,
-            )
-        ],
-        notes=merge_notes(quasars.field.notes, () if earlier_field is None else earlier_field.notes),
+        [finishing.Part("referee", None, sections=make_sections, plot=draw, tables=report.tables, files=write_tables)],
+        notes=merge_notes(quasars.field.notes, () if earlier is None else earlier.notes),
         answer=report.answer,
         paths=[options.catalogue, options.earlier] if options.earlier else options.catalogue,
         counts=counts,

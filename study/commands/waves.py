@@ -133,7 +133,7 @@ def _run(options):
 
 def _make_attitude_response(chunks, time_span, options):
     """Response of the attitude by a law, of a table or fitted to epochs, notes on its axis, and if it is far off."""
-    reference_epoch = vsh.io.archive.DR4.epoch
+    epoch = vsh.io.archive.DR4.epoch
     if any(chunk.view is None for chunk in chunks) and not options.law:
         raise TableError(
             f"{printable(options.epochs)} does not say in which field of view a source was seen (transit_id does): "
@@ -141,22 +141,19 @@ def _make_attitude_response(chunks, time_span, options):
         )
     if options.law:
         law: Any = _read_scanning_law(options.law)
-        if law.start > reference_epoch + time_span[0] or law.start + law.years < reference_epoch + time_span[1]:
+        if law.start > epoch + time_span[0] or law.start + law.years < epoch + time_span[1]:
             raise TableError(
                 f"{printable(options.law)} goes from {law.start:.2f} to {law.start + law.years:.2f}, the epochs from "
-                f"{reference_epoch + time_span[0]:.2f} to {reference_epoch + time_span[1]:.2f}"
+                f"{epoch + time_span[0]:.2f} to {epoch + time_span[1]:.2f}"
             )
     else:
         times = np.sort(np.concatenate([chunk.time for chunk in chunks]))
         longest_interval = max(0.003, 30 * float(np.median(np.diff(times))))
-        start = reference_epoch + time_span[0]
+        start = epoch + time_span[0]
         law = _fit_nominal_law(
-            chunks,
-            start,
-            time_span[1] - time_span[0],
-            sim.find_gaps(reference_epoch + times, start, longest=longest_interval),
+            chunks, start, time_span[1] - time_span[0], sim.find_gaps(epoch + times, start, longest=longest_interval)
         )
-    response = sim.agis.Response(law, nside=_RESPONSE_NSIDE, epoch=reference_epoch, calibration=options.calibration)
+    response = sim.agis.Response(law, nside=_RESPONSE_NSIDE, epoch=epoch, calibration=options.calibration)
     axis_offset = np.degrees(np.median([_compute_median_axis_offset(chunk, law) for chunk in chunks]))
     note = f"spin axis of the scanning law: {axis_offset:.2g}° from that of the transits, median"
     if axis_offset > _MAX_AXIS_OFFSET:
@@ -196,16 +193,14 @@ def _compute_median_axis_offset(observations, law):
 def _read_scanning_law(path):
     """The columns of Gaia's commanded_scan_law, or time [Julian years] in place of its days."""
     table = vsh.io.tables.open_table(path)
-    pointing_columns = ("ra_fov1", "dec_fov1", "ra_fov2", "dec_fov2")
+    names = ("ra_fov1", "dec_fov1", "ra_fov2", "dec_fov2")
     time_column = next((name for name in ("jd_time", "time") if name in table.names), None)
-    missing = [name for name in pointing_columns if name not in table.names] + ([] if time_column else ["jd_time"])
+    missing = [name for name in names if name not in table.names] + ([] if time_column else ["jd_time"])
     if missing:
         raise TableError(
-            f"{table.label}: a scanning law has jd_time, {', '.join(pointing_columns)}; missing: {', '.join(missing)}"
+            f"{table.label}: a scanning law has jd_time, {', '.join(names)}; missing: {', '.join(missing)}"
         )
-    columns = {
-        name: np.asarray(table.columns((name,))[name][0], float) for name in (*pointing_columns, str(time_column))
-    }
+    columns = {name: np.asarray(table.columns((name,))[name][0], float) for name in (*names, str(time_column))}
     times = columns[str(time_column)]
     # Days since J2010.0 in Gaia's table, whole Julian dates elsewhere, years where the column says so.
     years = times if time_column == "time" else 2010.0 + (times - (2455197.5 if times[0] > 1e6 else 0.0)) / 365.25

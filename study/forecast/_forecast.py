@@ -59,14 +59,9 @@ class SecondEpoch(InNotebook):
         """Mask of the ICRS positions `lon`, `lat` that are in the survey. [rad]"""
         direction = triad(lon, lat)[2]
         latitudes = (angles(rotation_matrix("icrs", frame) @ direction)[1] for frame in ("galactic", "ecliptic"))
-        galactic_latitude, ecliptic_latitude = np.degrees(np.abs(list(latitudes)))
+        galactic, ecliptic_latitude = np.degrees(np.abs(list(latitudes)))
         lower, upper = np.radians(self.declination)
-        return (
-            (galactic_latitude > self.latitude)
-            & (ecliptic_latitude > self.ecliptic_latitude)
-            & (lat > lower)
-            & (lat < upper)
-        )
+        return (galactic > self.latitude) & (ecliptic_latitude > self.ecliptic_latitude) & (lat > lower) & (lat < upper)
 
     def motion_errors(self, magnitude: FloatArray, factor: FloatArray, release: Release) -> FloatArray:
         """Errors of joint motions, (2, n), with Gaia's `factor` times those of `release` at `magnitude`. [µas/yr]"""
@@ -75,12 +70,10 @@ class SecondEpoch(InNotebook):
             gaia_errors(magnitude, release),
         ])  # fmt: skip
         covariance = np.einsum("in,ij->nij", (factor * sigma) ** 2, np.eye(5))
-        position_errors: Any = self.error
+        errors: Any = self.error
         if isinstance(self.error, str):
-            position_errors = factor * np.multiply.outer(POSITION_FACTORS, parallax_error(magnitude, self.error))
-        position_covariance = np.einsum(
-            "in,ij->nij", np.broadcast_to(position_errors, (2, len(magnitude))) ** 2, np.eye(2)
-        )
+            errors = factor * np.multiply.outer(POSITION_FACTORS, parallax_error(magnitude, self.error))
+        position_covariance = np.einsum("in,ij->nij", np.broadcast_to(errors, (2, len(magnitude))) ** 2, np.eye(2))
         joint_covariance = add_positions(covariance, position_covariance, self.years)
         return np.sqrt(np.stack([joint_covariance[:, 3, 3], joint_covariance[:, 4, 4]]))
 
@@ -153,10 +146,8 @@ class Survey(InNotebook):
             return np.tile(self._average_own_errors()[:, None], len(magnitude)) * self.factor
         errors = gaia_errors(magnitude, self.release)
         if self.second is not None:
-            is_covered = self.second.covers(lon, lat)
-            errors[:, is_covered] = self.second.motion_errors(
-                magnitude[is_covered], np.ones(is_covered.sum()), self.release
-            )
+            covered = self.second.covers(lon, lat)
+            errors[:, covered] = self.second.motion_errors(magnitude[covered], np.ones(covered.sum()), self.release)
         return errors * self.factor
 
     def _average_own_errors(self):
@@ -200,9 +191,7 @@ _VLBA_ERRORS = (2.1, 5.5, 9.6, 15.6, 39.2)
 _DR5_YEARS, _SUCCESSOR_YEARS = 10.0, 27.7
 
 
-def _make_gaia_survey(
-    says: str, release: Release = "DR5", second: SecondEpoch | None = None, floor: float | None = None
-) -> Survey:
+def _gaia(says: str, release: Release = "DR5", second: SecondEpoch | None = None, floor: float | None = None) -> Survey:
     """A release, perhaps with positions of another survey, which keep its floor unless they have theirs."""
     floor = _FLOORS_BY_RELEASE[release] if floor is None else floor
     return Survey(_N_QUASARS, release, n_galaxies=_N_GALAXIES, floor=floor, says=says, second=second)
@@ -210,22 +199,22 @@ def _make_gaia_survey(
 
 #: By name. Floors beyond DR3 are an assumption.
 SURVEYS = {
-    "Gaia DR3": _make_gaia_survey("quasars of Gaia-CRF3", "DR3"),
-    "Gaia DR4": _make_gaia_survey("the same quasars, 66 months of data", "DR4"),
-    "Gaia DR5": _make_gaia_survey("the same quasars, ten years of data"),
-    "DR5 + Euclid": _make_gaia_survey(
+    "Gaia DR3": _gaia("quasars of Gaia-CRF3", "DR3"),
+    "Gaia DR4": _gaia("the same quasars, 66 months of data", "DR4"),
+    "Gaia DR5": _gaia("the same quasars, ten years of data"),
+    "DR5 + Euclid": _gaia(
         "positions at J2027.5 in 14 000 deg², four exposures of 0.7 mas (Libralato et al. 2024, arXiv:2411.02487)",
         second=SecondEpoch(350.0, 7.7, latitude=30.0, ecliptic_latitude=15.0),
     ),
-    "DR5 + Roman": _make_gaia_survey(
+    "DR5 + Roman": _gaia(
         "positions at J2029.5 in 5100 deg², ten exposures of 0.01 pixel (Sanderson et al. 2019, JATIS 5, 044005)",
         second=SecondEpoch(350.0, 9.7, latitude=43.0, declination=(-45.0, 0.0)),
     ),
-    "DR5 + Rubin": _make_gaia_survey(
+    "DR5 + Rubin": _gaia(
         "positions at J2031 in 18 000 deg², 825 visits of 11 mas (Ivezić et al. 2019, ApJ 873, 111)",
         second=SecondEpoch(400.0, 11.2, latitude=15.0, declination=(-70.0, 12.5)),
     ),
-    "near infrared": _make_gaia_survey(
+    "near infrared": _gaia(
         "positions by a successor to Gaia launched in 2045, at J2047.5 with DR4's errors by magnitude: it is to be "
         "as precise as Gaia (Hobbs et al. 2021, Exp. Astron. 51, 783); floor: that of DR5 by the time between",
         second=SecondEpoch("DR4", _SUCCESSOR_YEARS), floor=_FLOORS_BY_RELEASE["DR5"] * _DR5_YEARS / _SUCCESSOR_YEARS,
@@ -459,7 +448,7 @@ def _forecast_quasar_errors(field, survey, systematic_power):
     )
     model_acceleration = expected_acceleration(R0[0])
     # Noise in degree 2, both kinds: on an even sky 4π/(n w) a coefficient, T and S alike.
-    noise_per_mode = (prediction.noise_power("T", 2) + prediction.noise_power("S", 2)) / 10
+    noise = (prediction.noise_power("T", 2) + prediction.noise_power("S", 2)) / 10
     # A floor of degree 1 has as much power in each mode of degree 2; of the published law it is a share.
     total_error, floor_power = float(np.hypot(acceleration, survey.floor)), 8 * np.pi / 3 * survey.floor**2
     law_floor = _COVARIANCE_LAW_FLOOR * survey.floor / _DR3_FLOOR if survey.release else survey.floor
@@ -473,14 +462,10 @@ def _forecast_quasar_errors(field, survey, systematic_power):
         "direction": float(np.degrees(total_error / model_acceleration)),
         "speed": circular_speed(model_acceleration, total_error, *R0)[1],
         "r0": distance_of_centre(model_acceleration, total_error)[1],
-        "waves": 6
-        / 5
-        * (noise_per_mode + floor_power)
-        * float(chdtri(10, 0.05))
-        / (4 * np.pi * hubble_rate(_HUBBLE) ** 2),
-        "wave": float(np.sqrt(noise_per_mode * 6 / (4 * np.pi))),
+        "waves": 6 / 5 * (noise + floor_power) * float(chdtri(10, 0.05)) / (4 * np.pi * hubble_rate(_HUBBLE) ** 2),
+        "wave": float(np.sqrt(noise * 6 / (4 * np.pi))),
         "shear": 100 * float(np.sqrt(np.mean(np.sum(np.square(shear_tensors), axis=0)))) / hubble_rate(_HUBBLE),
-        "degree": float(np.argmin(np.append(systematic_power > (2 * degrees + 1) * noise_per_mode, False))),
+        "degree": float(np.argmin(np.append(systematic_power > (2 * degrees + 1) * noise, False))),
     }
 
 

@@ -176,10 +176,8 @@ def read_quasars(source: Any, *, axes: str = "icrs", **reading: Any) -> Quasars:
     """
     table_source = tables.open_table(source, reading.pop("format", None))
     field = catalogue.read_field(table_source, **reading, roles=("name", "redshift", "magnitude")).to_frame(axes)
-    present_columns = {
-        meaning: [name for name in names if name in table_source.names] for meaning, names in _COLUMNS.items()
-    }
-    names = {meaning: column_names[0] for meaning, column_names in present_columns.items() if column_names}
+    present = {meaning: [name for name in names if name in table_source.names] for meaning, names in _COLUMNS.items()}
+    names = {meaning: column_names[0] for meaning, column_names in present.items() if column_names}
     read_columns = catalogue.read_columns(table_source, names.values(), **reading)
     columns = {meaning: read_columns[name] for meaning, name in names.items()}
     for meaning, values in (("redshift", field.redshift), ("G", field.magnitude)):
@@ -382,32 +380,25 @@ def find_most_influential_source(field: Field, lmax: int) -> tuple[int, float, f
         Its row, the move in errors, and the p-value.
     """
     solution = fit_field(field, lmax)
-    glide_rows = np.arange(len(solution.modes))[solution.modes.slice_of("S", 1)]
+    rows = np.arange(len(solution.modes))[solution.modes.slice_of("S", 1)]
     # Whitened, the move in errors is the length of three numbers.
-    whitening = (
-        np.linalg.inv(np.linalg.cholesky(solution.covariance[np.ix_(glide_rows, glide_rows)]))
-        @ solution.covariance[glide_rows]
-    )
-    residual_field = solution.residuals(field)
+    whitening = np.linalg.inv(np.linalg.cholesky(solution.covariance[np.ix_(rows, rows)])) @ solution.covariance[rows]
+    residual = solution.residuals(field)
     blocks = [np.arange(start, min(start + _BLOCK_SIZE, len(field))) for start in range(0, len(field), _BLOCK_SIZE)]
-    move_squares = np.concatenate(
-        [_compute_squared_influences(residual_field[block], solution.modes, whitening) for block in blocks]
-    )
+    move_squares = np.concatenate([_square_influences(residual[block], solution.modes, whitening) for block in blocks])
     largest_index = int(np.argmax(move_squares))
     # The scatter of the others: the source that is asked about must not excuse itself.
-    scale, excess_variance = _fit_scale_and_excess_variance(
-        residual_field[np.delete(np.arange(len(field)), largest_index)]
-    )
+    scale, excess_variance = _fit_scale_and_excess_variance(residual[np.delete(np.arange(len(field)), largest_index)])
     log_probability = sum(
         _sum_log_probabilities_of_less(
-            residual_field[block], solution, whitening, scale, excess_variance, move_squares[largest_index]
+            residual[block], solution, whitening, scale, excess_variance, move_squares[largest_index]
         )
         for block in blocks
     )
     return largest_index, float(np.sqrt(move_squares[largest_index])), float(-np.expm1(log_probability))
 
 
-def _compute_squared_influences(residual_field, modes, whitening):
+def _square_influences(residual_field, modes, whitening):
     """Squared influence of each source on the acceleration, in errors."""
     return np.sum(
         np.einsum("ajp,jp->ap", _differentiate_acceleration(residual_field, modes, whitening), residual_field.whitened)
@@ -429,32 +420,18 @@ def _sum_log_probabilities_of_less(residual_field, solution, whitening, scale, e
         _differentiate_acceleration(residual_field, solution.modes, whitening),
     )
     # What least squares leave of a residual, 1 − R Vᵀ C V Rᵀ, and what all sources scatter by besides.
-    whitened_harmonics = np.einsum(
-        "pin,jin->pjn", harmonics(residual_field.lon, residual_field.lat, solution.modes), weight_roots
-    )
-    redundancy = np.eye(2)[..., None] - np.einsum(
-        "pjn,pq,qkn->jkn", whitened_harmonics, solution.covariance, whitened_harmonics, optimize=True
-    )
+    white = np.einsum("pin,jin->pjn", harmonics(residual_field.lon, residual_field.lat, solution.modes), weight_roots)
+    redundancy = np.eye(2)[..., None] - np.einsum("pjn,pq,qkn->jkn", white, solution.covariance, white, optimize=True)
     covariance = scale * redundancy + excess_variance * np.einsum("jin,kin->jkn", weight_roots, weight_roots)
     product = np.einsum("ajn,akn,kln->jln", derivative, derivative, covariance)
     mean_eigenvalue = (product[0, 0] + product[1, 1]) / 2
     determinant = product[0, 0] * product[1, 1] - product[0, 1] * product[1, 0]
     half_difference = np.sqrt(np.maximum(mean_eigenvalue**2 - determinant, 0))
-    larger_eigenvalue, smaller_eigenvalue = (
-        mean_eigenvalue + half_difference,
-        np.maximum(mean_eigenvalue - half_difference, 0),
-    )
+    larger, smaller_eigenvalue = (mean_eigenvalue + half_difference, np.maximum(mean_eigenvalue - half_difference, 0))
     # Two squares with weights λ1, λ2 exceed x together with the mean over φ of exp(−x / 2(λ1 cos²φ + λ2 sin²φ)).
     with np.errstate(over="ignore", divide="ignore"):
         exceedance = np.mean(
-            [
-                np.exp(
-                    -move_square
-                    / (2 * (larger_eigenvalue * squared_cosine + smaller_eigenvalue * (1 - squared_cosine)))
-                )
-                for squared_cosine in _SQUARED_COSINES
-            ],
-            axis=0,
+            [np.exp(-move_square / (2 * (larger * u + smaller_eigenvalue * (1 - u)))) for u in _SQUARED_COSINES], axis=0
         )
     return np.sum(np.log1p(-np.minimum(exceedance, 1 - 1e-16)))
 

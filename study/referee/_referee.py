@@ -80,19 +80,15 @@ class Referee(InNotebook):
     @property
     def conclusion(self) -> str:
         """Conclusion of all checks."""
-        worst_check, corrected_p_value = self.smallest
+        worst_check, p = self.smallest
         n_checks = sum(bool(np.isfinite(check.p_value)) for check in self.checks)
         if worst_check is None:
             return "no check was possible"
-        corrected_text = f"p = {printed_p_value(corrected_p_value)} after correction for {n_checks} checks"
-        if corrected_p_value >= HINT:
+        corrected_text = f"p = {printed_p_value(p)} after correction for {n_checks} checks"
+        if p >= HINT:
             smallest_text = f"smallest p = {printed_p_value(worst_check.p_value)}; {corrected_text}"
             return f"none of {n_checks} internal checks contradicts the result ({smallest_text})"
-        verdict = (
-            "an instrumental effect is detected"
-            if corrected_p_value < SEEN
-            else "weak evidence of an instrumental effect"
-        )
+        verdict = "an instrumental effect is detected" if p < SEEN else "weak evidence of an instrumental effect"
         return f"{verdict}: it is not {worst_check.question} ({worst_check.answer}; {corrected_text})"
 
     def report(self, *, long: bool = False) -> str:
@@ -164,9 +160,7 @@ class Referee(InNotebook):
     def tables(self) -> dict[str, Table]:
         """Sections and checks as astropy Tables, by name."""
         rows: list[Any] = [
-            (section.paper.key, row.quantity, *_list_number_cells(row))
-            for section in self.sections
-            for row in section.rows
+            (section.paper.key, row.quantity, *_number_cells(row)) for section in self.sections for row in section.rows
         ]
         number_columns = (
             "paper", "quantity", "published", "published_error", "published_method", "published_method_error",
@@ -201,7 +195,7 @@ class Referee(InNotebook):
         return results
 
 
-def _list_number_cells(row):
+def _number_cells(row):
     numbers = row.published, row.theirs, row.shared
     value_types = {number.kind.replace("size", "value") for number in numbers if np.isfinite(number.value)}
     cells = [cell for number in numbers for cell in (number.value, number.error)]

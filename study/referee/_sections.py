@@ -77,21 +77,19 @@ def _make_contents_or_reason(make_contents):
 
 
 def _check_classes_of_column(quasars, name, n_classes, rng):
-    return _check_class_differences(quasars, Classes.by_parts(name, quasars.column(name), n_classes), rng)
+    return _check_classes(quasars, Classes.by_parts(name, quasars.column(name), n_classes), rng)
 
 
 def _check_latitude_classes(quasars, rng):
     is_near_plane = np.abs(quasars.field.to_frame("galactic").lat) < np.pi / 6
-    return _check_class_differences(
-        quasars, Classes(("|b| < 30°", "|b| ≥ 30°"), np.array([is_near_plane, ~is_near_plane])), rng
-    )
+    return _check_classes(quasars, Classes(("|b| < 30°", "|b| ≥ 30°"), np.array([is_near_plane, ~is_near_plane])), rng)
 
 
 def _check_sky_halves(quasars, frame, rng):
-    return _check_class_differences(quasars, Classes.by_halves(frame).of(quasars.field), rng)
+    return _check_classes(quasars, Classes.by_halves(frame).of(quasars.field), rng)
 
 
-def _check_class_differences(quasars, classes, rng) -> dict[str, Any]:
+def _check_classes(quasars, classes, rng) -> dict[str, Any]:
     comparison = compare_classes(quasars, classes, rng)
     verdict = comparison.verdict
     labels = comparison.shared.labels
@@ -162,20 +160,18 @@ def _check_earlier_release(quasars, earlier, rng) -> dict[str, Any]:
 
 def _check_property_maps(quasars, headline, rng) -> dict[str, Any]:
     field, lmax = quasars.field, min(quasars.degree, 5)
-    templates = [Template.density("density", field)]
+    maps = [Template.density("density", field)]
     for name in _MAP_COLUMNS:
         if name in quasars.columns and np.nanstd(quasars.columns[name]) > 0:
-            templates.append(Template.of_sources(name, field.lon, field.lat, quasars.columns[name], field.frame))
-    normal = quasars.equations(slice(None), lmax, templates=templates)
+            maps.append(Template.of_sources(name, field.lon, field.lat, quasars.columns[name], field.frame))
+    normal = quasars.equations(slice(None), lmax, templates=maps)
     template_fit = shared([normal], labels=["all sources"], noise_scale=quasars.is_scaled, rng=rng)
     acceleration = template_fit.solutions[0].acceleration
     plain_solution = solve(quasars.equations(slice(None), lmax))
     systematic_spectrum = None if headline.floor is None else headline.floor.spectrum
-    powers = cross_powers(
-        plain_solution, template_fields(templates, plain_solution.modes, field.frame), systematic_spectrum
-    )
+    powers = cross_powers(plain_solution, template_fields(maps, plain_solution.modes, field.frame), systematic_spectrum)
     answer = (
-        f"{', '.join(template.name for template in templates)}; marginalised over these maps, the acceleration is "
+        f"{', '.join(template.name for template in maps)}; marginalised over these maps, the acceleration is "
         f"({', '.join(format_values(acceleration.value, acceleration.sigma))}) µas/yr"
     )
     return {
@@ -290,12 +286,10 @@ def _repeat_reference_frame(inputs: AnalysisInput) -> dict[str, Any]:
         results["magnitudes"] = comparison.shared
     except VshError as error:
         remark = f"; bright and faint sources are not compared: {error}"
-    p_value = headline.spin.p_value
+    p = headline.spin.p_value
     limit = headline.solution.spin.amplitude_limit()
-    verdict = format_verdict(
-        p_value, f"no spin is detected, < {limit:.3g} µas/yr (95 %)", "the frame of these sources turns"
-    )
-    return {"rows": rows, "verdict": verdict + remark, "p_value": p_value, "results": results}
+    verdict = format_verdict(p, f"no spin is detected, < {limit:.3g} µas/yr (95 %)", "the frame of these sources turns")
+    return {"rows": rows, "verdict": verdict + remark, "p_value": p, "results": results}
 
 
 def _repeat_redshift_bins(inputs: AnalysisInput) -> dict[str, Any]:
@@ -338,19 +332,15 @@ def _repeat_dipole_and_quadrupole(inputs: AnalysisInput) -> dict[str, Any]:
 
 def _make_quadrupole_row_and_p_values(quasars, headline):
     """p-values of no quadrupole: with formal errors, and as one of the degrees that sources share."""
-    plain_solution = solve(quasars.normal)
-    values, covariance = select_degree_coefficients(plain_solution, 2)
-    formal_p_value, shared_p_value = _compute_chi2_p_value(values, covariance), float("nan")
+    plain = solve(quasars.normal)
+    values, covariance = select_degree_coefficients(plain, 2)
+    formal_p_value, shared_p = _compute_chi2_p_value(values, covariance), float("nan")
     # Degrees from 3 on tell systematic errors; the quadrupole must not judge itself.
-    if plain_solution.modes.lmax > 3:
-        systematic_floor = floor(plain_solution, range(3, plain_solution.modes.lmax + 1))
-        systematic_covariance = np.diag(
-            systematic_floor.spectrum.variances(plain_solution.modes)[plain_solution.modes.degrees == 2]
-        )
-        shared_p_value = _compute_chi2_p_value(
-            values, covariance * systematic_floor.noise_scale**2 + systematic_covariance
-        )
-    return _make_p_value_row("no quadrupole", formal_p_value, shared_p_value), formal_p_value, shared_p_value
+    if plain.modes.lmax > 3:
+        systematic_floor = floor(plain, range(3, plain.modes.lmax + 1))
+        systematic_covariance = np.diag(systematic_floor.spectrum.variances(plain.modes)[plain.modes.degrees == 2])
+        shared_p = _compute_chi2_p_value(values, covariance * systematic_floor.noise_scale**2 + systematic_covariance)
+    return _make_p_value_row("no quadrupole", formal_p_value, shared_p), formal_p_value, shared_p
 
 
 def _compute_chi2_p_value(values, covariance):
@@ -398,7 +388,7 @@ def _repeat_expansion(inputs: AnalysisInput) -> dict[str, Any]:
 def _repeat_wave_limit(inputs: AnalysisInput) -> dict[str, Any]:
     """Waves longer than the observations, by harmonics and by pairs: Jaraba et al. 2023, Darling 2024."""
     theirs = wave_limit(normal_equations(inputs.quasars.whole, 2)).limit(prior="coefficients")
-    limit_by_harmonics = inputs.wave_limit
+    harmonics = inputs.wave_limit
     rows = [
         Row(
             "h70² Ω, Gaia DR3 (Jaraba)", _find_published_value("jaraba2023", "h70² Ω, Gaia"),
@@ -407,13 +397,11 @@ def _repeat_wave_limit(inputs: AnalysisInput) -> dict[str, Any]:
         Row("h70² Ω, VLBA (Jaraba)", _find_published_value("jaraba2023", "h70² Ω, VLBA"), Value(theirs, kind="limit")),
         Row(
             "h70² Ω, degree 2", _find_published_value("darling2024", "h70² Ω, degree 2"), Value(theirs, kind="limit"),
-            Value(limit_by_harmonics.limit(), kind="limit"),
+            Value(harmonics.limit(), kind="limit"),
         ),
     ]  # fmt: skip
-    verdict = (
-        f"gravitational waves: h70² Ω < {limit_by_harmonics.limit():.3g} (95 %), marginalised over systematic errors"
-    )
-    return {"rows": rows, "verdict": verdict, "results": {"waves": limit_by_harmonics}}
+    verdict = f"gravitational waves: h70² Ω < {harmonics.limit():.3g} (95 %), marginalised over systematic errors"
+    return {"rows": rows, "verdict": verdict, "results": {"waves": harmonics}}
 
 
 def _repeat_waves_by_pairs(inputs: AnalysisInput) -> dict[str, Any]:
@@ -467,12 +455,8 @@ def _repeat_galaxy_motions(inputs: AnalysisInput) -> dict[str, Any]:
         Row(f"v_{axis} [km/s], {expected_velocity[k]:+.0f} expected", theirs=Value(theirs.value[k], theirs.sigma[k]),
             shared=Value(with_flows.value[k], with_flows.sigma[k])) for k, axis in enumerate("xyz")
     ]  # fmt: skip
-    p_value = with_flows.p_value
-    return {
-        "rows": rows,
-        "verdict": format_verdict(p_value, "no motion is seen", "our motion is seen"),
-        "p_value": p_value,
-    }
+    p = with_flows.p_value
+    return {"rows": rows, "verdict": format_verdict(p, "no motion is seen", "our motion is seen"), "p_value": p}
 
 
 _ANALYSES = (

@@ -31,27 +31,26 @@ def draw_figures(referee: Referee) -> dict[str, Any]:
 def plot_accelerations(sections: Sequence[Analysis], *, ax: Axes | None = None) -> Axes:
     """Components of g by each paper that has them: published, and ours its way; and the recommended fit, once."""
     (axes,) = panels(ax, size=(WIDTH, 2.6))
-    labelled_components: list[tuple[str, list[Value]]] = []
+    lines: list[tuple[str, list[Value]]] = []
     recommended_lines: list[tuple[str, list[Value]]] = []
     for section in sections:
         rows = {row.quantity[:3]: row for row in section.rows if row.quantity.startswith("g_")}
         if len(rows) == 3:
             citation = section.paper.citation
             for attr, label in (("published", citation), ("theirs", f"{citation}, here")):
-                labelled_components.append((label, [getattr(rows[f"g_{axis}"], attr) for axis in "xyz"]))
+                lines.append((label, [getattr(rows[f"g_{axis}"], attr) for axis in "xyz"]))
             recommended_lines = [("recommended fit", [rows[f"g_{axis}"].shared for axis in "xyz"])]
-    labelled_components += recommended_lines
-    y = -np.arange(len(labelled_components))
+    lines += recommended_lines
+    y = -np.arange(len(lines))
     for k, (axis, colour) in enumerate(zip("xyz", COLOURS, strict=False)):
         values, errors = (
-            np.array([getattr(components[k], attr) for _, components in labelled_components], float)
-            for attr in ("value", "error")
+            np.array([getattr(components[k], attr) for _, components in lines], float) for attr in ("value", "error")
         )
         axes.errorbar(
             values, y + 0.18 * (1 - k), xerr=np.nan_to_num(errors), fmt="os^"[k], color=colour, markersize=3,
             label=f"$g_{axis}$",
         )  # fmt: skip
-    axes.set_yticks(y, [label for label, _ in labelled_components])
+    axes.set_yticks(y, [label for label, _ in lines])
     axes.axvline(0, color="0.7", linewidth=0.6, zorder=0)
     axes.set_xlabel("acceleration  [µas/yr]")
     legend_above(axes, 3)
@@ -61,30 +60,21 @@ def plot_accelerations(sections: Sequence[Analysis], *, ax: Axes | None = None) 
 @apply_style
 def plot_checks(checks: Sequence[Check], *, ax: Axes | None = None) -> Axes:
     """p-values of the checks, with systematic errors and by the formal errors alone."""
-    testable_checks = [check for check in checks if np.isfinite(check.p_value)]
-    (axes,) = panels(ax, size=(WIDTH, 0.8 + 0.17 * max(len(testable_checks), 3)))
-    y = -np.arange(len(testable_checks))
+    tests = [check for check in checks if np.isfinite(check.p_value)]
+    (axes,) = panels(ax, size=(WIDTH, 0.8 + 0.17 * max(len(tests), 3)))
+    y = -np.arange(len(tests))
     axes.semilogx(
-        [check.p_value for check in testable_checks],
-        y,
-        "o",
-        color=COLOURS[0],
-        markersize=4,
-        label="with systematic errors",
+        [check.p_value for check in tests], y, "o", color=COLOURS[0], markersize=4, label="with systematic errors"
     )
-    axes.semilogx(
-        [check.at_face_value for check in testable_checks], y, "x", color="0.5", markersize=4, label="formal errors"
-    )
+    axes.semilogx([check.at_face_value for check in tests], y, "x", color="0.5", markersize=4, label="formal errors")
     axes.axvline(SEEN, color="0.5", linestyle="--", linewidth=0.7)
     axes.axvline(HINT, color="0.7", linestyle=":", linewidth=0.7)
     for level in (SEEN, HINT):
         position = {"xy": (level, 0), "xycoords": axes.get_xaxis_transform(), "xytext": (2, 3)}
         axes.annotate(f"{level:g}", textcoords="offset points", fontsize="x-small", color="0.4", **position)
-    positive_p_values = [
-        value for check in testable_checks for value in (check.p_value, check.at_face_value) if value > 0
-    ]
+    positive_p_values = [value for check in tests for value in (check.p_value, check.at_face_value) if value > 0]
     axes.set_xlim(max(min([1e-3, *(value / 3 for value in positive_p_values)]), 1e-12), 1.5)
-    axes.set_yticks(y, [check.key for check in testable_checks])
+    axes.set_yticks(y, [check.key for check in tests])
     axes.set_xlabel("p-value")
     legend_above(axes, 2)
     return axes
@@ -95,12 +85,10 @@ def make_html_page(
 ) -> str:
     """The page: first the acceleration with systematic errors, then a section for each analysis, then the checks."""
     solution, quasars = referee.headline.solution, referee.quasars
-    shown_solution = page.ShownSolution(
-        "with systematic errors", quasars.whole, solution.coefficients, solution.covariance
-    )
+    sky = page.ShownSolution("with systematic errors", quasars.whole, solution.coefficients, solution.covariance)
     remaining_figures = dict(figures)
     overview = {name: remaining_figures.pop(name) for name in _CAPTIONS if name in remaining_figures}
-    sky_panel = page.sky(shown_solution)
+    sky_panel = page.sky(sky)
     if sky_panel.html:
         remaining_figures.pop("sky", None)
     page_panels = [

@@ -91,11 +91,8 @@ def _format_latex_power_rows(solution, style):
     """Rows of the power of each degree, without its noise."""
     rows = [rf"Power & noise-debiased & error & $p$-value & {_format_latex_squared_unit(solution.unit)} \\"]
     for power in spectrum(solution):
-        n_decimals = decimals_of_error(power.error)
-        texts = (
-            *(f"{value:.{n_decimals}f}" for value in (power.debiased, power.error)),
-            printed_p_value(power.p_value),
-        )
+        digits = decimals_of_error(power.error)
+        texts = (*(f"{value:.{digits}f}" for value in (power.debiased, power.error)), printed_p_value(power.p_value))
         cells = " & ".join(_format_latex_number(text, style) for text in texts)
         rows.append(rf"$P^{{\rm {power.kind}}}_{{{power.l}}}$ & {cells} & \\")
     return rows

@@ -115,10 +115,8 @@ def _make_coefficients_panel(solution):
         [str(mode), f"{value:+.5g}", f"{error:.3g}", f"{value / error:+.2f}"]
         for mode, value, error in zip(solution.modes, solution.coefficients.values, solution.sigma, strict=True)
     ]
-    column_heads = ["coefficient", f"value [{solution.unit}]", "σ", "value/σ"]
-    return page.heading(
-        "Coefficients", page.table(column_heads, rows, sortable=True, summary=f"{len(rows)} coefficients")
-    )
+    heads = ["coefficient", f"value [{solution.unit}]", "σ", "value/σ"]
+    return page.heading("Coefficients", page.table(heads, rows, sortable=True, summary=f"{len(rows)} coefficients"))
 
 
 def _collect_shown_solutions(solution, field, comparisons):

@@ -198,12 +198,10 @@ def vectors_table(solution: Any) -> Table:
 def powers_table(solution: Any) -> Table:
     """Power by degree and kind as an astropy Table, with errors, chances, and roots of the powers."""
     degrees = spectrum(solution)
-    number_columns = ("power", "debiased", "error", "p_value", "z", "mk_z")
+    numbers = ("power", "debiased", "error", "p_value", "z", "mk_z")
     columns = {"kind": np.array([degree.kind for degree in degrees]), "l": np.array([degree.l for degree in degrees])}
-    columns |= {name: np.array([getattr(degree, name) for degree in degrees], float) for name in number_columns}
-    return tables.table_of(
-        columns, {"frame": solution.frame}, dict.fromkeys(number_columns[:3], square_of(solution.unit))
-    )
+    columns |= {name: np.array([getattr(degree, name) for degree in degrees], float) for name in numbers}
+    return tables.table_of(columns, {"frame": solution.frame}, dict.fromkeys(numbers[:3], square_of(solution.unit)))
 
 
 def square_of(unit: str) -> str:
@@ -269,7 +267,7 @@ def _describe_reason_for_no_result(solution):
     if repeated_rows_notes := [note for note in solution.notes if has_code(note, REPEATED)]:
         return str(repeated_rows_notes[0]).removeprefix("warning: ")
     if solution.covariance_dof < FEWEST_DOF:
-        return f"{_describe_covariance_dof(solution)} does not determine the errors of a vector"
+        return f"{_describe_dof(solution)} does not determine the errors of a vector"
     return None
 
 
@@ -296,21 +294,16 @@ def _describe_difference_from_gaia(acceleration: Vector) -> str:
     covariance = acceleration.covariance + gaia.covariance
     dof = acceleration.dof * (np.trace(covariance) / np.trace(acceleration.covariance)) ** 2  # Satterthwaite (1946)
     difference = replace(acceleration, value=acceleration.value - gaia.value, covariance=covariance, dof=float(dof))
-    p_value = difference.p_value
-    hint = "; this may be an instrumental effect" if p_value < SEEN else ""
-    gaia_text = f"{format_with_error(gaia.amplitude, gaia.amplitude_error)} {gaia.unit}"
-    return (
-        f"this acceleration is {abs(ndtri(max(p_value, 1e-300) / 2)):.1f} σ from {gaia_text} "
-        f"(p = {printed_p_value(p_value)}){hint}"
-    )
+    p = difference.p_value
+    hint = "; this may be an instrumental effect" if p < SEEN else ""
+    edr3 = f"{format_with_error(gaia.amplitude, gaia.amplitude_error)} {gaia.unit}"
+    return f"this acceleration is {abs(ndtri(max(p, 1e-300) / 2)):.1f} σ from {edr3} (p = {printed_p_value(p)}){hint}"
 
 
 def _describe_errors(solution: Any) -> str:
     """Describe the errors, what they leave out, and what to be careful of."""
-    clipping_prefix = "after clipping: " if CLIPPED in codes_of(solution.notes) else ""
-    description = (
-        f"{clipping_prefix}{_ERROR_NAMES[ErrorSource(solution.error_source)]}, to degree {solution.modes.lmax}"
-    )
+    clipped = "after clipping: " if CLIPPED in codes_of(solution.notes) else ""
+    description = f"{clipped}{_ERROR_NAMES[ErrorSource(solution.error_source)]}, to degree {solution.modes.lmax}"
     if solution.error_source == ErrorSource.SCALED and not solution.includes_floor:
         description += f", {solution.quality.factor:.3g} times the formal errors"
     if solution.floor is not None and solution.includes_floor:
@@ -354,9 +347,7 @@ def sections_of(
         sections = [Section(title, facts, _make_expected_errors_table(solution)), _make_noise_powers_section(solution)]
     else:
         vectors = _make_vectors_table(solution, truth or {}, long)
-        remarks = (
-            [*_format_vector_directions(solution), *_FORMAL_ERRORS_REMARK * solution.includes_floor] if long else ()
-        )
+        remarks = [*_format_directions(solution), *_FORMAL_ERRORS_REMARK * solution.includes_floor] if long else ()
         sections = [Section(title, facts, vectors, remarks=remarks)]
         sections.append(_make_detailed_powers_section(solution) if long else _make_powers_section(solution))
     if check is not None and (long or not check.largest < AGREEMENT_LIMIT):
@@ -397,33 +388,26 @@ _FORMAL_ERRORS_REMARK = (
 _FEW_DATA_PER_COEFFICIENT = 4
 
 
-def _describe_covariance_dof(solution):
+def _describe_dof(solution):
     return f"a covariance with {solution.covariance_dof:.0f} degrees of freedom"
 
 
 def warnings_of(solution: Any) -> list[tuple[str, str]]:
     """Warnings on the errors of a solution, for all of its forms: pairs of a label and a sentence."""
-    texts, n_coefficients = [], len(solution.modes)
+    texts, size = [], len(solution.modes)
     if (warning := solution.quality.warning()) and solution.error_source == ErrorSource.CATALOGUE:
         texts.append(f"{warning}; those below are not scaled")
-    undetermined_degrees = [
-        l for l in range(solution.modes.lowest, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1
-    ]
-    if undetermined_degrees and not solution.covariance_dof > 0:
+    degrees = [l for l in range(solution.modes.lowest, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1]
+    if degrees and not solution.covariance_dof > 0:
         texts.append("few sources decide this fit: its errors are not known, and p-values are nan")
-    elif undetermined_degrees:
-        text = (
-            f"{_describe_covariance_dof(solution)} does not determine the 2l + 1 coefficients of degree "
-            f"{undetermined_degrees[0]} and above"
-        )
+    elif degrees:
+        text = f"{_describe_dof(solution)} does not determine the 2l + 1 coefficients of degree {degrees[0]} and above"
         texts.append(f"{text}: p-values are nan there")
-    if n_coefficients <= solution.dof < _FEW_DATA_PER_COEFFICIENT * n_coefficients:
-        text = f"{n_coefficients} coefficients of {solution.n_data} numbers: errors grow with every degree"
+    if size <= solution.dof < _FEW_DATA_PER_COEFFICIENT * size:
+        text = f"{size} coefficients of {solution.n_data} numbers: errors grow with every degree"
         texts.append(f"{text}; a lower --lmax is enough for degree 1")
-    if 0 < solution.dof < n_coefficients:
-        texts.append(
-            f"{solution.dof} degrees of freedom for {n_coefficients} coefficients: χ² says little of the errors"
-        )
+    if 0 < solution.dof < size:
+        texts.append(f"{solution.dof} degrees of freedom for {size} coefficients: χ² says little of the errors")
     return [("warning", text) for text in texts]
 
 
@@ -455,7 +439,7 @@ def _make_vectors_table(solution, truth, long):
     return tables.table_of_rows(column_heads, rows)
 
 
-def _format_vector_directions(solution):
+def _format_directions(solution):
     """Directions of the detected vectors, in two frames."""
     direction_lines = []
     for name, vector in vectors_of(solution).items():
@@ -481,14 +465,12 @@ def _make_powers_section(solution):
 
 
 def _make_detailed_powers_section(solution):
-    p_value_basis = (
-        "exact χ², any sky" if np.isinf(solution.covariance_dof) else "Hotelling's T²: the errors are estimates"
-    )
+    law = "exact χ², any sky" if np.isinf(solution.covariance_dof) else "Hotelling's T²: the errors are estimates"
     integrand = "|V|" if solution.modes.components == 2 else "f"
     column_heads = ("degree", "power", "debiased", "±", "√power", "p-value", "z", "M&K Z")
     remark = (
         "Debiased: power minus the mean power of noise. p-values are the probability that noise alone gives at least "
-        f"this power ({p_value_basis}); z is the equivalent normal deviate; M&K Z is the statistic of Mignard & "
+        f"this power ({law}); z is the equivalent normal deviate; M&K Z is the statistic of Mignard & "
         "Klioner (2012), valid only for a uniform sky."
     )
     title = f"Power by degree, ∫{integrand}²dΩ {format_squared_unit(solution)}"
