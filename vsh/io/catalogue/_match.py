@@ -124,8 +124,8 @@ class Offsets(Field):
 
     unit = "µas"
 
-    def _table(self):
-        columns, units, facts = super()._table()
+    def _make_table_columns(self):
+        columns, units, facts = super()._make_table_columns()
         names = {name: name.replace("pm", "d") for name in columns}  # dra, ddec, dra_error, … in place of pmra, …
         units = {names[name]: unit.removesuffix(" / yr") for name, unit in units.items()}
         return {names[name]: values for name, values in columns.items()}, units, facts
