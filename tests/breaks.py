@@ -133,7 +133,7 @@ BREAKS = [
     ("vsh/sky/frames.py", '"pmra": motions.d_lon_coslat', '"pmra": motions.d_lat', "test_field_tables.py"),
     ("vsh/field.py", '{} if self.frame == "icrs" else', "{} if self.frame else", "test_round_trips.py"),
     ("vsh/tools/notebook.py", "<li>{escape(item)}</li>", "<li>{item}</li>", "test_field_tables.py"),
-    ("vsh/commands/parsing.py", "names if names & set(settings) else set()", "set()", "test_configuration.py"),
+    ("vsh/commands/parsing.py", "group_names if group_names & set(settings) else set()", "set()", "test_configuration.py"),
     ("vsh/commands/parsing.py", ", parse_float=str", "", "test_configuration.py"),
     ("vsh/commands/running.py", "digest(path) != checksum", "_hash(path) == checksum", "test_configuration.py"),
     ("vsh/io/sections.py", "if math.isfinite(value) else None", "if value else None", "test_telling.py"),

@@ -53,10 +53,10 @@ def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
     from vsh.tools.printing import guard_printing
 
     with guard_printing():
-        from vsh.commands.parsing import parse
+        from vsh.commands.parsing import parse_options
 
         module = import_command_module(command)
-        options = parse(module, arguments)
+        options = parse_options(module, arguments)
         signal.signal(signal.SIGINT, signal.default_int_handler)  # from here on `vsh.commands.running.guarded` sees it
         status = module.run(options)
     if signal_number := getattr(options, "interrupted_by", None):  # a shell's loop ends where a signal ended a command

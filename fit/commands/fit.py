@@ -128,7 +128,7 @@ def _run(options):
     # Each class reads its rows; names tell of sources that stand there twice, and no fit looks at further columns.
     source = tables.cache_columns(source) if options.classes and not reading.is_in_parts(options) else source
     field = run.read(source, path, roles=("name",), value=options.value).to_frame(options.frame)
-    estimate = fit.estimate(field, options.lmax, *parsing.method_and_value(options.method))
+    estimate = fit.estimate(field, options.lmax, *parsing.split_method(options.method))
     solution, sources, plain = estimate.solution, estimate.sources, estimate.plain
     results: dict[str, Any] = {}
     if not solution.covariance_dof > 0 and (options.floor or options.waves):
@@ -173,7 +173,7 @@ def _run(options):
             sources,
             path,
             overwrite=True,
-            figures=figures.drawn,
+            figures=figures.axes_by_name,
             command=options.command,
             captions=captions,
             sections=_make_further_sections(results, True),
@@ -265,7 +265,7 @@ def _compare_subsets(run, source, path, estimate, templates, n_sources):
     lmax, n_inside = estimate.solution.modes.lmax, 0
     if estimate.method == "clip":
         n_inside = sum(vsh.io.parts.as_parts(subset, vsh.field.SourcesWithErrors).sum(len) for subset in subsets)
-        subsets = [fit.estimate(subset, lmax, *parsing.method_and_value(options.method)).sources for subset in subsets]
+        subsets = [fit.estimate(subset, lmax, *parsing.split_method(options.method)).sources for subset in subsets]
     subsets = [subset.to_frame(options.frame) for subset in subsets]
     make = partial(estimate.equations, templates=templates)
     normals = [make(subset, lmax) for subset in subsets]

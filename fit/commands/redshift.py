@@ -169,7 +169,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     options.h0, options.h0_error, options.h0_range = (prior.get(name) for name in ("value", "error", "limits"))
     if options.floor == "yes" and options.lmax == 2:
         parser.error("--floor needs --lmax 3 or more: degrees 1 and 2 contain no information on systematic errors")
-    method = parsing.method_and_value(options.method)[0] if options.method else ""
+    method = parsing.split_method(options.method)[0] if options.method else ""
     for name, is_given in (("floor", options.floor), ("method", method not in ("", "clip"))):
         if is_given and not options.bins:
             parser.error(f"--{name} is for --bins")
@@ -200,9 +200,9 @@ def _run(options):
     truth = vsh.io.catalogue.truth_of(source)
     sky = run.read(source, options.catalogue).to_frame(options.frame)
     facts, counts = _make_redshift_facts(sky, source, options)
-    velocity = reading.velocity_of(options.velocity) or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
+    velocity = reading.make_observer_velocity(options.velocity) or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
     model, failure = _choose_model_options(options), None
-    method, value = parsing.method_and_value(options.method) if options.method else (None, None)
+    method, value = parsing.split_method(options.method) if options.method else (None, None)
     parts = _fit_bin_parts(sky, options, model, velocity, method, value) if options.bins else []
     sky = fit.robust.clip(sky, vsh.Modes(1), float(value or 3.0)).sources(sky) if method == "clip" else sky
     if options.h0 or options.velocity or options.posterior:
@@ -224,7 +224,7 @@ def _run(options):
     results = {part.name: part.result for part in parts}
 
     def sections(long):
-        report = [section for part in parts for section in part.shown(long)]
+        report = [section for part in parts for section in part.select_sections(long)]
         if failure is not None:
             report.append(Section("Posterior", [("not finished", str(failure))]))
         return [replace(report[0], facts=[*facts, *report[0].facts]), *report[1:]] if report else [Section("", facts)]

@@ -61,7 +61,7 @@ def make_parser() -> argparse.ArgumentParser:
         "parameters, to which about a third more with six parameters are added",
         parsing.count(1),
     )
-    parsing.adder(parsing.shared_group(parser))(
+    parsing.adder(parsing.get_shared_group(parser))(
         "--output FILE", "table to write: FITS, ECSV, CSV, VOTable or Parquet", required=True
     )
     parsing.add_overwrite(parser)
@@ -174,7 +174,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 def _run(options):
     vsh.io.tables.check_writable(options.output)  # what cannot be written is better told before the work than after
     finishing.check_file(options.output, options.overwrite)
-    finishing.check_configuration(options.output)
+    finishing.check_configuration_replaceable(options.output)
     writers = {"crf3": _write_crf, "crf4": _write_crf, "epochs": _write_epochs, "link": _write_link}
     writers.get(options.kind, _write_field)(options)
 
@@ -187,7 +187,7 @@ def _write_field(options):
         _read_population(options, sky_rng) if options.positions else (_draw_population(options, sky_rng, vlbi_rng), [])
     )
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
-    given_velocity = reading.velocity_of(options.velocity)
+    given_velocity = reading.make_observer_velocity(options.velocity)
     velocity, group_velocity = np.zeros(3) if given_velocity is None else given_velocity.to_frame("icrs").value, None
     if options.kind == "galaxies":
         if options.dispersion or options.flow:
@@ -285,7 +285,7 @@ def _finish(options, notes, meta, summary):
     def make_truth_table():
         return {"truth": vsh.io.tables.table_of_rows(("name", "value"), numbers)}
 
-    finishing.print_result(options, finishing.message_result(message, make_truth_table, notes))
+    finishing.print_result(options, finishing.make_message_result(message, make_truth_table, notes))
 
 
 def _make_metadata(vectors, options):
@@ -303,7 +303,7 @@ def _draw_population(options, rng, vlbi_rng):
     if sky not in parsing.SKIES:
         from vsh.sky.pixels import count_missing_pixels
 
-        sky, frame = reading.read_named_map(sky)
+        sky, frame = reading.read_map_and_frame(sky)
         empty = count_missing_pixels(sky)
         if empty:
             finishing.print_line(
@@ -358,7 +358,7 @@ def _select_recorded_options(options):
     exclusions = [*running.NOT_TOLD, *(_list_foreign(options.kind) if options.kind in ("crf3", "crf4") else ())]
     settings = {key: value for key, value in vars(options).items() if key not in exclusions}
     if options.velocity is not None:
-        velocity = reading.velocity_of(options.velocity)
+        velocity = reading.make_observer_velocity(options.velocity)
         assert velocity is not None
         settings["velocity"] = [velocity.amplitude, *velocity.to_frame("galactic").direction]
     return settings

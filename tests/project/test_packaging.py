@@ -53,7 +53,7 @@ def test_yaml_is_valid(path):
 @for_each(JOBS)
 def test_jobs_of_the_wheel_are_understood(job):
     program, *words = shlex.split(job)
-    assert parsing.parse(import_command_module(program.removeprefix("vsh-")), words) is not None
+    assert parsing.parse_options(import_command_module(program.removeprefix("vsh-")), words) is not None
 
 
 def test_citation_zenodo_and_paper_agree():

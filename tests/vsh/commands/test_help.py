@@ -29,7 +29,7 @@ def test_three_examples_that_are_understood(command):
     for line in listed:
         program, *words = shlex.split(line)
         assert program == f"vsh-{command}"
-        assert parsing.parse(import_command_module(command), words) is not None
+        assert parsing.parse_options(import_command_module(command), words) is not None
         assert line in import_command_module(command).make_parser().format_help_all()
 
 
@@ -85,7 +85,7 @@ def test_help_is_a_screen_and_help_all_is_everything(command, monkeypatch):
 
 def test_error_of_use_is_two_lines(capsys):
     with pytest.raises(SystemExit) as end:
-        parsing.parse(import_command_module("fit"), ["catalogue.fits", "--lmx", "3"])
+        parsing.parse_options(import_command_module("fit"), ["catalogue.fits", "--lmx", "3"])
     assert end.value.code == 2
     assert capsys.readouterr().err.splitlines() == [
         "vsh-fit: error: unrecognized arguments: --lmx 3 (is it --lmax?)",
