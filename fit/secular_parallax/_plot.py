@@ -10,7 +10,7 @@ from vsh.figures.plot import (
     WIDTH,
     apply_style,
     arrow_grid,
-    draw_key,
+    draw_arrow_key,
     draw_map,
     draw_vectors,
     even_grid,
@@ -42,7 +42,7 @@ def plot_flow(flow: Any, *, ax: OnAxes | None = None) -> AxesArray:
         grid = arrow_grid(axes, 18.0)
         tangential, _ = flow.at(*grid, np.full(grid[0].size, radius))
         draw_vectors(axes, *grid, tangential, scale=reach, longest=_LONGEST, color="0.1")
-        draw_key(axes, reach, "km/s across", _LONGEST)
+        draw_arrow_key(axes, reach, "km/s across", _LONGEST)
         fraction = _compute_share_determined(flow, radius)
         axes.set_title(f"{radius:.0f} Mpc/h: {fraction:.0%} of the variance known")
     bar = axes.figure.colorbar(image, ax=list(subplots), orientation="horizontal", shrink=0.7, pad=0.02, aspect=30)

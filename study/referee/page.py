@@ -93,11 +93,11 @@ def html(
         remaining_figures.pop("sky", None)
     page_panels = [
         page.facts(referee.answer.lines, "answer"),
-        page.heading("At a glance", page.figure_panels(overview, _CAPTIONS)),
+        page.heading("At a glance", page.figure_row(overview, _CAPTIONS)),
         page.heading("The sky", sky_panel),
         *(_make_analysis_panel(section, remaining_figures) for section in referee.sections),
         page.heading("Is it the instrument?", page.paragraph(_CHECKS_TEXT, "faint"), _make_checks_table(referee)),
-        page.heading("Figures", page.figure_panels(remaining_figures, {})),
+        page.heading("Figures", page.figure_row(remaining_figures, {})),
         page.notes(quasars.field.notes),
         page.provenance(dict(provenance), command),
     ]
@@ -136,7 +136,7 @@ def _make_analysis_panel(section: Analysis, figures: dict[str, Any]) -> page.Pan
     captions = {name: _SECTION_CAPTIONS.get(name.partition("_")[2], section.title) for name in section_figures}
     return page.heading(
         section.title, about, page.paragraph(f"Verdict: {section.verdict}."), page.table(heads, rows),
-        page.figure_panels(section_figures, captions) if section_figures else page.Panel(""),
+        page.figure_row(section_figures, captions) if section_figures else page.Panel(""),
     )  # fmt: skip
 
 

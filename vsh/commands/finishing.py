@@ -466,7 +466,7 @@ class Run:
                 all_captions = {part.name: part.caption for part in parts if part.caption} | dict(captions or {})
                 panels = [
                     pages.facts(result.answer.lines, "answer"),
-                    pages.heading("Figures", pages.figure_panels(figure_set.axes_by_name, all_captions)),
+                    pages.heading("Figures", pages.figure_row(figure_set.axes_by_name, all_captions)),
                     *map(pages.section, make_sections(True)),
                     pages.provenance(meta, options.command),
                 ]

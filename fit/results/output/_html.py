@@ -91,7 +91,7 @@ def write_html(
         page.heading("The sky", sky_panel),
         *map(page.section, solution.sections(long=True, check=check, truth=truth, source=source)),
         *map(page.section, sections),
-        page.heading("Figures", page.figure_panels(plots, {**_CAPTIONS, **(captions or {})})),
+        page.heading("Figures", page.figure_row(plots, {**_CAPTIONS, **(captions or {})})),
         _make_coefficients_panel(solution),
         page.provenance(provenance or {}, command),
     ]

@@ -25,10 +25,10 @@ from vsh.figures.plot import (
     LONGEST,
     SURE,
     allow_many_figures,
-    chance_of,
     close_figures,
+    compute_smallest_chance,
     even_grid,
-    picture_of,
+    make_png,
     plot_field,
 )
 from vsh.io.sections import Section
@@ -76,15 +76,15 @@ def facts(entries: Iterable[tuple[Any, Any]], kind: str = "") -> Panel:
     return Panel(f"<div class='wide {kind}'><table><tbody>{rows_html}</tbody></table></div>" if rows_html else "")
 
 
-def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool = False, summary: str = "") -> Panel:
+def table(titles: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool = False, summary: str = "") -> Panel:
     """A table of text."""
-    cell = "<th scope='col'>{}</th>"
+    cell_template = "<th scope='col'>{}</th>"
     if sortable:
-        cell = "<th scope='col' aria-sort='none'><button type='button'>{}</button></th>"
-    head_html = "".join(cell.format(escape(title)) if title else "<td></td>" for title in heads)
-    body = "".join(_format_row(row) for row in rows)
-    tag = '<table class="sortable">' if sortable else "<table>"
-    table_html = f"{tag}<thead><tr>{head_html}</tr></thead><tbody>{body}</tbody></table>"
+        cell_template = "<th scope='col' aria-sort='none'><button type='button'>{}</button></th>"
+    head_html = "".join(cell_template.format(escape(title)) if title else "<td></td>" for title in titles)
+    body_html = "".join(_format_html_row(row) for row in rows)
+    table_tag = '<table class="sortable">' if sortable else "<table>"
+    table_html = f"{table_tag}<thead><tr>{head_html}</tr></thead><tbody>{body_html}</tbody></table>"
     # What scrolls must be reached by keys, and so be named.
     html = f'<div class="wide" tabindex="0" role="group" aria-label="{escape(summary or "table")}">{table_html}</div>'
     if summary:
@@ -92,7 +92,7 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool
     return Panel(html, ("tables",) if sortable else ())
 
 
-def _format_row(row):
+def _format_html_row(row):
     """A row of a table, whose words may be broken and whose numbers may not."""
     label, *cells = map(str, row)
     class_attributes = (" class='broken'" if len(cell) > _MAX_NUMBER_LENGTH else "" for cell in cells)
@@ -129,16 +129,16 @@ def figure(picture: bytes, caption: str) -> Panel:
     )
 
 
-def picture_row(figures: Sequence[Panel]) -> Panel:
+def panel_row(panels: Sequence[Panel]) -> Panel:
     """Figures beside each other where the page is wide enough."""
-    figures_html = "".join(panel.html for panel in figures)
-    return Panel(f'<div class="pictures">{figures_html}</div>' if figures_html else "")
+    panels_html = "".join(panel.html for panel in panels)
+    return Panel(f'<div class="pictures">{panels_html}</div>' if panels_html else "")
 
 
-def figure_panels(drawn: Mapping[str, Any], captions: Mapping[str, str]) -> Panel:
+def figure_row(axes_by_name: Mapping[str, Any], captions: Mapping[str, str]) -> Panel:
     """Figures as pictures beside each other, each under its caption, or its name."""
-    return picture_row(
-        [figure(picture_of(plot), captions.get(name, name.replace("_", " "))) for name, plot in drawn.items()]
+    return panel_row(
+        [figure(make_png(axes), captions.get(name, name.replace("_", " "))) for name, axes in axes_by_name.items()]
     )
 
 
@@ -293,20 +293,20 @@ def sky(*shown: ShownSolution) -> Panel:
         "skies": skies,
     }
     top_degree = max(entry["lmax"] for entry in skies)
-    figures = "".join(_make_sky_figure(i, solution, skies[i]["sent"]) for i, solution in enumerate(shown))
+    figures_html = "".join(_format_sky_figure(i, solution, skies[i]["sent"]) for i, solution in enumerate(shown))
     mark_names = " and ".join(dict.fromkeys(mark["name"] for entry in skies for mark in entry["marks"]))
     # "<" would end the block wherever a name holds "</script>".
     json_text = json.dumps(sky_data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
     controls = Template(_read_asset("controls.html")).substitute(top=top_degree)
-    inner = f'{controls}<div class="skies">{figures}</div>{_make_key_help(mark_names)}'
+    inner_html = f'{controls}<div class="skies">{figures_html}</div>{_format_sky_help(mark_names)}'
     return Panel(
-        f'<section class="sky" aria-label="interactive sky">{inner}</section>'
+        f'<section class="sky" aria-label="interactive sky">{inner_html}</section>'
         f'<script type="application/json" id="sky-data">{json_text}</script>',
         ("d3", "sky"),
     )
 
 
-def _make_key_help(mark_names):
+def _format_sky_help(mark_names):
     stars = f" Stars with circles show where {mark_names} point{'' if ' and ' in mark_names else 's'}, with 68 % cones."
     return (
         '<p class="faint" id="sky-keys">Drag the sky or use the arrow keys to turn it, + and − to zoom, 0 to go back,'
@@ -316,7 +316,7 @@ def _make_key_help(mark_names):
     )
 
 
-def _make_sky_figure(i, solution, sent):
+def _format_sky_figure(i, solution, sent):
     n = solution.n_sources or len(solution.field)
     caption = f"{sent} of {n} sources, those with the most significant residuals" if sent < n else f"all {n} sources"
     caption = f"{solution.label}: {caption}" if solution.label else caption
@@ -333,7 +333,7 @@ def _draw_still_image(solution):
     """The picture that stands there where no script runs."""
     with allow_many_figures():  # those of the page are open
         axes = plot_field(solution.field, solution.coefficients, covariance=solution.covariance, unit=solution.unit)
-    data = base64.b64encode(picture_of(axes, dpi=120)).decode()
+    data = base64.b64encode(make_png(axes, dpi=120)).decode()
     close_figures([axes])
     return f'<img class="still" alt="the sources, and the motions fitted to them" src="data:image/png;base64,{data}">'
 
@@ -344,25 +344,25 @@ def _collect_sky_data(solution):
         raise ParameterError(f"covariance has shape {np.shape(solution.covariance)}, the coefficients are {len(modes)}")
     residual = field.motion - solution.coefficients.at(field.lon, field.lat)
     chi2 = field.inner(residual, residual)
-    order = np.argsort(-chi2, kind="stable")[:MAX_SOURCES]
-    names = [] if field.name is None else [str(name) for name in field.name[order]]
+    shown_indices = np.argsort(-chi2, kind="stable")[:MAX_SOURCES]
+    names = [] if field.name is None else [str(name) for name in field.name[shown_indices]]
     return {
         "label": solution.label,
         "lmax": min(modes.lmax, MAX_LMAX),
         "fitted": modes.lmax,
-        "sent": int(order.size),
+        "sent": int(shown_indices.size),
         "names": names,
-        "seen": chance_of(solution.coefficients, np.asarray(solution.covariance)) < SEEN,
+        "seen": compute_smallest_chance(solution.coefficients, np.asarray(solution.covariance)) < SEEN,
         "sources": {
-            "lon": _encode_floats(np.degrees(field.lon[order])),
-            "lat": _encode_floats(np.degrees(field.lat[order])),
-            "motion": _encode_floats(field.motion[:, order]),
-            "error": _encode_floats(field.sigma[:, order]),
-            "residual": _encode_floats(residual[:, order]),
-            "sigmas": _encode_floats(np.sqrt(chi2[order])),
+            "lon": _encode_floats(np.degrees(field.lon[shown_indices])),
+            "lat": _encode_floats(np.degrees(field.lat[shown_indices])),
+            "motion": _encode_floats(field.motion[:, shown_indices]),
+            "error": _encode_floats(field.sigma[:, shown_indices]),
+            "residual": _encode_floats(residual[:, shown_indices]),
+            "sigmas": _encode_floats(np.sqrt(chi2[shown_indices])),
         },
         **_compute_grid_data(solution, *even_grid(STEP)),
-        "marks": _list_marks(solution),
+        "marks": _list_direction_marks(solution),
     }
 
 
@@ -389,7 +389,7 @@ def _compute_grid_data(solution, lon, lat):
     return {"fields": fields, "variances": variances}
 
 
-def _list_marks(solution):
+def _list_direction_marks(solution):
     names = ("acceleration", "spin") if solution.unit == "µas/yr" else ("glide", "rotation")
     marks: list[dict[str, Any]] = []
     for name, kind in zip(names, "ST", strict=True):

@@ -51,7 +51,7 @@ def test_page_of_everything_is_whole():
     panels = [
         page.facts([("spin", NASTY)], "answer"), page.paragraph(NASTY, "warning"), page.paragraph(""), page.section(Section(NASTY, (), columns)),
         page.table(["x", ""], [[NASTY, "1"]], sortable=True, summary=NASTY), page.figure(b"png", NASTY), page.notes([NASTY, 3]),
-        page.picture_row([page.figure(b"png", "one"), page.figure(b"png", "two")]), page.preformatted_panel(NASTY),
+        page.panel_row([page.figure(b"png", "one"), page.figure(b"png", "two")]), page.preformatted_panel(NASTY),
         page.provenance({"file": NASTY, "versions": {"numpy": "2"}}, ["vsh-fit", NASTY]), page.heading("empty", Panel("")),
     ]  # fmt: skip
     html = page.page(NASTY, panels, lead=NASTY)
