@@ -13,7 +13,7 @@ from astropy import units as u
 from vsh.io import tables
 from vsh.io.catalogue import _names
 from vsh.io.catalogue._names import NAMED, ColumnRequest, Columns, find_correlations, name_and_unit
-from vsh.io.columns import ASSUMED, REQUIRED, factor_to, missing_column, parse_unit
+from vsh.io.columns import ASSUMED, REQUIRED, find_factor_to, missing_column, parse_unit
 from vsh.io.tables import TableSource
 from vsh.sky.frames import MEASURED_KEY
 from vsh.tools.bad_rows import as_floats, is_within, span_of
@@ -322,10 +322,10 @@ def find_conversion_factors(
             # An error is in the unit of what it is the error of, unless the table states another.
             motion = column_of[_UNIT_OF[role]]
             assumed_units.setdefault(f"{_format_unit(unit)}, the unit of {printable(motion)}", []).append(name)
-            role_factors[role] = factor_to(motion, unit, target, motion in units)
+            role_factors[role] = find_factor_to(motion, unit, target, motion in units)
         elif assumed_unit is not None and role in REQUIRED[2:]:
             assumed_units.setdefault(assumed_unit, []).append(name)
-            role_factors[role] = factor_to(name, assumed_unit, target, False)
+            role_factors[role] = find_factor_to(name, assumed_unit, target, False)
         elif role in ("ra", "dec") or (role in _GAIA_UNITS and name.lower() == role) or role in like_gaia:
             assumed_units.setdefault(_format_unit(target), []).append(name)
             role_factors[role] = 1.0
@@ -380,7 +380,7 @@ def _find_factor_of_role(role, name, unit, target, from_user):
     except (ValueError, TypeError):
         if target == u.dimensionless_unscaled and str(unit).strip().lower() in _WORDS_FOR_NO_UNIT:
             return 1.0
-        return factor_to(name, unit, target, from_user)  # which says what is wrong
+        return find_factor_to(name, unit, target, from_user)  # which says what is wrong
     if role == "magnitude":  # of any zero point: magnitudes are separated by their differences alone
         if astropy_unit == u.dimensionless_unscaled or astropy_unit == u.mag or isinstance(astropy_unit, u.MagUnit):
             return 1.0
@@ -406,7 +406,7 @@ def _find_factor_of_role(role, name, unit, target, from_user):
                 f"column {name!r} is in {printable(unit)!r}, which cannot be turned into Mpc: if it is a parallax, say "
                 f"so, --columns {shlex.quote(f'parallax={name}')},parallax_error=NAME"
             )
-    return factor_to(name, unit, target, from_user)
+    return find_factor_to(name, unit, target, from_user)
 
 
 #: Words that tables have where there is no unit.
