@@ -88,7 +88,7 @@ def _parse_matching(text):
     """Parse how sources are matched: by what, and within which radius. [arcsec]"""
     if text in ("name", "position"):
         return {"by": text}
-    return {"by": "position", "radius": parsing.positive(text)}
+    return {"by": "position", "radius": parsing.parse_positive(text)}
 
 
 #: Estimators of the differences, and the fewest replicates.
@@ -103,7 +103,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         method, value = parsing.split_method(words)
         if method == "clip":
             try:
-                options.threshold = parsing.positive(value or "5")
+                options.threshold = parsing.parse_positive(value or "5")
             except argparse.ArgumentTypeError as error:
                 parser.error(f"argument --method: {error}")
             continue

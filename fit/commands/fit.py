@@ -43,7 +43,7 @@ def make_parser() -> argparse.ArgumentParser:
         "jackknife[=NSIDE] | recommended is Student's t with the systematic floor included in the errors, its maximum "
         "degree reduced if there are too few sources; clip protects from outliers, not from wrong errors; excess-noise "
         "from errors that are too small, not from outliers",
-        parsing.method,
+        parsing.check_method,
         "recommended",
     )
     add(
@@ -66,7 +66,7 @@ def make_parser() -> argparse.ArgumentParser:
         "upper limits on the energy density of gravitational waves from the power of degree 2 | for three choices of "
         "the prior; the length of the observations in years, where it is given, is that from which the frequency band "
         "and the strain are calculated",
-        parsing.positive,
+        parsing.parse_positive,
         nargs="?",
         const=True,
     )
@@ -80,7 +80,7 @@ def make_parser() -> argparse.ArgumentParser:
         "fit the amplitude of systematic errors of a known pattern: a HEALPix map, a solution, a column, or density | "
         "truncated at degree --lmax; galactic:FILE where the header of a map does not state its axes; density is the "
         "number density of the sources",
-        parsing.names,
+        parsing.parse_names,
     )
     reading.add_workers(parser)
     reading.add_reading(parser)

@@ -73,7 +73,7 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--columns ROLE=NAME,…",
         "names of the columns of --positions: redshift=zsp",
-        parsing.columns,
+        parsing.parse_columns,
         action=parsing.JoinValues,
     )
     add(
@@ -81,20 +81,20 @@ def make_parser() -> argparse.ArgumentParser:
         f"distribution of the sources: {', '.join(parsing.SKIES)} or a map | uniform unless given; a "
         "HEALPix map (FITS), galactic:FILE where its header does not state its axes",
     )
-    add("--spin X,Y,Z", "true spin, ICRS, µas/yr (default: none)", parsing.vector, (0.0, 0.0, 0.0))
+    add("--spin X,Y,Z", "true spin, ICRS, µas/yr (default: none)", parsing.parse_vector, (0.0, 0.0, 0.0))
     add(
         "--acceleration X,Y,Z",
         "true acceleration, ICRS, µas/yr (default: 4.3 towards the Galactic centre)",
-        parsing.vector,
-        parsing.vector(ACCELERATION),
+        parsing.parse_vector,
+        parsing.parse_vector(ACCELERATION),
     )
-    add("--orientation X,Y,Z", "vlbi, link: true orientation, ICRS, µas", parsing.vector, (0.0, 0.0, 0.0))
+    add("--orientation X,Y,Z", "vlbi, link: true orientation, ICRS, µas", parsing.parse_vector, (0.0, 0.0, 0.0))
     add(
         "--velocity planck|SPEED,L,B",
         "galaxies: true velocity of the Solar System | km/s toward Galactic degrees; 0 unless given, so that no "
         "secular parallax is simulated; with --flow linear that of the flow where we are, and the Sun's in the Local "
         "Group",
-        parsing.velocity,
+        parsing.parse_velocity,
     )
     add(
         "--flow linear|SIGMA",
@@ -123,7 +123,7 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--wave F,PLUS,CROSS,L,B",
         "epochs: a gravitational wave of frequency F per year | strains in µas, toward ICRS degrees L, B",
-        parsing.numbers,
+        parsing.parse_numbers,
     )
     add("--seed", "seed", int, 1)
     return parsing.add_common(parser, "list of what was written")
@@ -146,7 +146,7 @@ def _check_flow(text):
     """Return the words on flows, "linear" and a dispersion between commas, if they can be read."""
     for word in text.split(","):
         if word != "linear":
-            parsing.not_negative(word)
+            parsing.parse_not_negative(word)
     return text
 
 

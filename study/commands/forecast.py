@@ -47,7 +47,7 @@ def _split_names(text):
 def _parse_survey(text):
     name, _, numbers = text.partition("=")
     try:
-        n, sigma = parsing.numbers(numbers)
+        n, sigma = parsing.parse_numbers(numbers)
     except (ValueError, argparse.ArgumentTypeError):
         n, sigma = 0.5, 0.0
     if not name.strip() or n < 1 or n != int(n) or not sigma > 0:

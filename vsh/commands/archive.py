@@ -82,7 +82,7 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--with NAMES",
         "for a table: columns of it that come with the astrometry, redshift_qsoc say",
-        parsing.names,
+        parsing.parse_names,
         dest="with_columns",
     )
     add(

@@ -111,19 +111,19 @@ def count(least: int, most: int = 10**12) -> Callable[[str], int]:
     return parse_whole_number
 
 
-def nside(text: str) -> int:
+def parse_nside(text: str) -> int:
     """The type of a power of two from 1 to 8192."""
     if not text.isdecimal() or int(text) not in (2**k for k in range(14)):
         raise argparse.ArgumentTypeError(f"a power of two from 1 to 8192 is expected, not {text!r}")
     return int(text)
 
 
-def not_negative(text: str) -> float:
+def parse_not_negative(text: str) -> float:
     """The type of a number of zero or more."""
     return _parse_number(text, lambda x: x >= 0, "a number that is not negative")
 
 
-def positive(text: str) -> float:
+def parse_positive(text: str) -> float:
     """The type of a number above zero."""
     return _parse_number(text, lambda x: x > 0, "a positive number")
 
@@ -135,12 +135,12 @@ def _check_excess_noise_value(text):
 
 #: `fit.METHODS` with the types of the values of those that take one, `fit.methods.WITH_VALUE`.
 METHODS: dict[str, Callable[[str], Any] | None] = {
-    "recommended": None, "least-squares": None, "clip": positive, "student": None,
-    "excess-noise": _check_excess_noise_value, "bootstrap": count(2), "jackknife": nside,
+    "recommended": None, "least-squares": None, "clip": parse_positive, "student": None,
+    "excess-noise": _check_excess_noise_value, "bootstrap": count(2), "jackknife": parse_nside,
 }  # fmt: skip
 
 
-def method(text: str) -> str:
+def check_method(text: str) -> str:
     """The type of an estimator, NAME or NAME=VALUE."""
     name, _, value = text.partition("=")
     if name not in METHODS:
@@ -175,21 +175,21 @@ def _parse_finite_numbers(text):
     return values if all(map(math.isfinite, values)) else ()
 
 
-def numbers(text: str) -> tuple[float, ...]:
+def parse_numbers(text: str) -> tuple[float, ...]:
     """Numbers separated by commas."""
     if not (values := _parse_finite_numbers(text)):
         raise argparse.ArgumentTypeError(f"numbers separated by commas are expected, not {text!r}")
     return values
 
 
-def vector(text: str) -> tuple[float, ...]:
+def parse_vector(text: str) -> tuple[float, ...]:
     """The type of three numbers separated by commas."""
     if len(components := _parse_finite_numbers(text)) != 3:
         raise argparse.ArgumentTypeError(f"three numbers separated by commas are expected, not {text!r}")
     return components
 
 
-def velocity(text: str) -> str | tuple[float, ...]:
+def parse_velocity(text: str) -> str | tuple[float, ...]:
     """Our velocity as every command takes it: a name, or SPEED,L,B."""
     if text in VELOCITIES:
         return text
@@ -209,7 +209,7 @@ FIGURE_FORMATS, TABLE_FORMATS = ("png", "pdf", "svg"), ("fits", "vot", "csv")
 _DPI = 300.0
 
 
-def formats(text: str) -> str:
+def check_formats(text: str) -> str:
     """Names of formats of figures, with @DPI behind one or not, and of tables, between commas; none: no figures."""
     for entry in text.split(","):
         name, at_sign, dpi = entry.strip().partition("@")
@@ -224,7 +224,7 @@ def formats(text: str) -> str:
 
 
 def parse_figure_formats_and_dpi(text: str) -> tuple[list[str], float]:
-    """The formats of figures among `formats`, PNG where there is none, and their dots per inch; no format of none."""
+    """The formats of figures in a checked text, PNG where there is none, and their dots per inch; no format of none."""
     entries = [entry.strip().partition("@") for entry in text.split(",")]
     formats_given = list(dict.fromkeys(name for name, _, _ in entries if name in FIGURE_FORMATS))
     dpi = next((float(dpi) for _, at_sign, dpi in entries if at_sign), _DPI)
@@ -232,12 +232,12 @@ def parse_figure_formats_and_dpi(text: str) -> tuple[list[str], float]:
 
 
 def parse_table_formats(text: str) -> list[str]:
-    """The formats of tables among `formats`."""
+    """The formats of tables in a text that `check_formats` takes."""
     names_given = [entry.partition("@")[0].strip() for entry in text.split(",")]
     return list(dict.fromkeys(name for name in names_given if name in TABLE_FORMATS))
 
 
-def names(text: str) -> list[str]:
+def parse_names(text: str) -> list[str]:
     """Names between commas."""
     entries = [name.strip() for name in text.split(",")]
     if not all(entries):
@@ -245,7 +245,7 @@ def names(text: str) -> list[str]:
     return entries
 
 
-def pairs(text: str) -> dict[str, str]:
+def parse_pairs(text: str) -> dict[str, str]:
     """NAME=VALUE,… as a dict."""
     assignments = [token.partition("=") for token in text.split(",")]
     pairs_by_name = {name.strip(): value.strip() for name, _, value in assignments}
@@ -269,13 +269,13 @@ def _make_choice_type(choices):
 _TABLE_FACTS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "frame": ("catalogue_frame", _make_choice_type(FRAMES)),
     "format": ("input_format", _make_choice_type(INPUT_FORMATS)),
-    "sigma": ("sigma", positive),
+    "sigma": ("sigma", parse_positive),
 }
 
 
-def columns(text: str) -> dict[str, Any]:
+def parse_columns(text: str) -> dict[str, Any]:
     """NAME=VALUE,… with one of the sets of names before it, or not."""
-    columns_by_role = _parse_columns(text)
+    columns_by_role = _parse_set_and_pairs(text)
     for name in {*columns_by_role} & {*_TABLE_FACTS}:
         columns_by_role[name] = _TABLE_FACTS[name][1](columns_by_role[name] or "")
     return columns_by_role
@@ -289,7 +289,7 @@ def set_table_options(options: argparse.Namespace) -> None:
     options.columns = given_columns.get("names") if given_columns.keys() == {"names"} else given_columns or None
 
 
-def _parse_columns(text):
+def _parse_set_and_pairs(text):
     first_entry, _, remainder = text.partition(",")
     if "=" in first_entry:
         return _parse_pairs_with_none(text)
@@ -304,7 +304,7 @@ def _parse_pairs_with_none(text):
     """NAME=VALUE,… with None where nothing stands behind the equals sign: no such column is looked for."""
     empty_names = {token.partition("=")[0].strip() for token in text.split(",") if token.strip().endswith("=")}
     remainder = ",".join(token for token in text.split(",") if not token.strip().endswith("="))
-    return (pairs(remainder) if remainder else {}) | dict.fromkeys(empty_names - {""})
+    return (parse_pairs(remainder) if remainder else {}) | dict.fromkeys(empty_names - {""})
 
 
 #: Options that name what is written, and those that name whom to connect to.

@@ -49,10 +49,10 @@ def add_columns(parser: argparse.ArgumentParser, table_words: str) -> None:
         "(pmra=mu_ra,redshift=z), or both (vizier,redshift=zsp); magnitude= for none; and what the table does not say: "
         "frame=galactic, format=mrt where its name does not tell it, sigma=30 for one error of all sources, µas/yr "
         "(of positions µas)",
-        parsing.columns,
+        parsing.parse_columns,
         action=parsing.JoinValues,
     )
-    add("--units NAME=UNIT,…", "units of columns, such as mu_ra=uas/yr", parsing.pairs)
+    add("--units NAME=UNIT,…", "units of columns, such as mu_ra=uas/yr", parsing.parse_pairs)
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:
@@ -63,7 +63,7 @@ def add_output(parser: argparse.ArgumentParser) -> None:
         "--format NAME,…",
         "formats of the figures, png (the default), pdf or svg, with @DPI behind or without (300), or none; and of the "
         "tables in addition to ECSV: fits, vot, csv",
-        parsing.formats,
+        parsing.check_formats,
         "png",
         action=parsing.JoinValues,
     )
@@ -205,7 +205,7 @@ def refuse_velocities(notes: Iterable[object], label: str) -> None:
 
 
 def make_observer_velocity(value: str | tuple[float, ...] | None) -> Vector | None:
-    """Our velocity, as `vsh.commands.parsing.velocity` has it."""
+    """Our velocity, as `vsh.commands.parsing.parse_velocity` has it."""
     from vsh.models.cosmology import VELOCITIES, velocity_from_apex
 
     if value is None:
