@@ -465,10 +465,10 @@ class Run:
 
                 all_captions = {part.name: part.caption for part in parts if part.caption} | dict(captions or {})
                 panels = [
-                    pages.facts(result.answer.lines, "answer"),
-                    pages.heading("Figures", pages.figure_row(figure_set.axes_by_name, all_captions)),
-                    *map(pages.section, make_sections(True)),
-                    pages.provenance(meta, options.command),
+                    pages.facts_panel(result.answer.lines, "answer"),
+                    pages.join_panels("Figures", pages.figure_row(figure_set.axes_by_name, all_captions)),
+                    *map(pages.section_panel, make_sections(True)),
+                    pages.provenance_panel(meta, options.command),
                 ]
                 pages.write_page(page_path, pages.page(title, panels), overwrite=True)
             if page_path is not None:

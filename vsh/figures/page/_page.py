@@ -55,7 +55,7 @@ class Panel(NamedTuple):
     scripts: tuple[str, ...] = ()
 
 
-def heading(text: str, *panels: Panel) -> Panel:
+def join_panels(text: str, *panels: Panel) -> Panel:
     """Panels under a heading; nothing if they are empty."""
     html = "\n".join(panel.html for panel in panels if panel.html)
     scripts = tuple(script for panel in panels for script in panel.scripts)
@@ -67,7 +67,7 @@ def paragraph(text: str, kind: str = "") -> Panel:
     return Panel(f"<p{f' class={kind!r}' if kind else ''}>{escape(text)}</p>" if text else "")
 
 
-def facts(entries: Iterable[tuple[Any, Any]], kind: str = "") -> Panel:
+def facts_panel(entries: Iterable[tuple[Any, Any]], kind: str = "") -> Panel:
     """Words with a label in front of each, broken where they are too long; those of the kind "answer" are large."""
     rows_html = "".join(
         f"<tr><th scope='row'>{escape(str(label))}</th><td class='broken'>{escape(str(text))}</td></tr>"
@@ -106,20 +106,20 @@ _MAX_NUMBER_LENGTH = 32
 _MAX_ROWS = 200
 
 
-def section(part: Section) -> Panel:
+def section_panel(part: Section) -> Panel:
     """A section of a result: its title, facts, table, remarks and notes."""
-    table_panel = footnote = Panel("")
+    rows_panel = footnote = Panel("")
     if (rows := part.shown) is not None:
-        table_panel = table(*format_table(rows[:_MAX_ROWS], part.forms), sortable=True)
+        rows_panel = table(*format_table(rows[:_MAX_ROWS], part.forms), sortable=True)
         footnote = paragraph(
             f"The first {_MAX_ROWS} of {len(rows)} rows; the files have all." if len(rows) > _MAX_ROWS else "", "faint"
         )
     list_html = "".join(f"<li>{escape(str(entry))}</li>" for entry in dict.fromkeys(map(str, part.notes)))
     notes = Panel(f"<ul>{list_html}</ul>" if list_html else "")
-    return heading(part.title, facts(part.facts), table_panel, footnote, *map(paragraph, part.remarks), notes)
+    return join_panels(part.title, facts_panel(part.facts), rows_panel, footnote, *map(paragraph, part.remarks), notes)
 
 
-def figure(picture: bytes, caption: str) -> Panel:
+def figure_panel(picture: bytes, caption: str) -> Panel:
     """A picture, a PNG, with its caption."""
     encoded_picture = base64.b64encode(picture).decode()
     escaped_caption = escape(caption)
@@ -135,17 +135,17 @@ def panel_row(panels: Sequence[Panel]) -> Panel:
     return Panel(f'<div class="pictures">{panels_html}</div>' if panels_html else "")
 
 
-def figure_row(axes_by_name: Mapping[str, Any], captions: Mapping[str, str]) -> Panel:
+def figure_row(named_axes: Mapping[str, Any], captions: Mapping[str, str]) -> Panel:
     """Figures as pictures beside each other, each under its caption, or its name."""
     return panel_row(
-        [figure(make_png(axes), captions.get(name, name.replace("_", " "))) for name, axes in axes_by_name.items()]
+        [figure_panel(make_png(axes), captions.get(name, name.replace("_", " "))) for name, axes in named_axes.items()]
     )
 
 
-def notes(lines: Iterable[object]) -> Panel:
+def notes_panel(lines: Iterable[object]) -> Panel:
     """A list of notes."""
     list_html = "".join(f"<li>{escape(str(line))}</li>" for line in lines)
-    return heading("Notes", Panel(f"<ul>{list_html}</ul>" if list_html else ""))
+    return join_panels("Notes", Panel(f"<ul>{list_html}</ul>" if list_html else ""))
 
 
 def preformatted_panel(text: str, label: str = "report") -> Panel:
@@ -153,7 +153,7 @@ def preformatted_panel(text: str, label: str = "report") -> Panel:
     return Panel(f'<pre tabindex="0" role="group" aria-label="{escape(label)}">{escape(text)}</pre>' if text else "")
 
 
-def provenance(sources: Mapping[str, Any], command: Sequence[str] | None = None) -> Panel:
+def provenance_panel(sources: Mapping[str, Any], command: Sequence[str] | None = None) -> Panel:
     """Show the provenance of a result, and the command that repeats it."""
     if not sources:
         return Panel("")
@@ -164,7 +164,7 @@ def provenance(sources: Mapping[str, Any], command: Sequence[str] | None = None)
     ]
     introduction = paragraph("To repeat the run:" if command else "")
     command_panel = preformatted_panel(shlex.join(command or ()), "command")
-    return heading("Where this comes from", introduction, command_panel, facts(entries))
+    return join_panels("Where this comes from", introduction, command_panel, facts_panel(entries))
 
 
 def page(title: str, panels: Iterable[Panel], *, lead: str = "", source: str = "") -> str:
