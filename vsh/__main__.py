@@ -39,7 +39,7 @@ def describe_command(command: str) -> str:
     return re.split(r"[:.] ", import_command_module(command).make_parser().description)[0].rstrip(".")
 
 
-def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
+def run_command(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
     """Parse the options of a command, run it, and exit with its status."""
 
     def exit_interrupted(*_):
@@ -91,13 +91,13 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         sys.exit(0)
     if command not in COMMANDS:
         sys.exit(f"python -m vsh: there is no command {tokens[0]!r}: {', '.join(COMMANDS)} are")
-    run(command, tokens[1:])
+    run_command(command, tokens[1:])
 
 
 def __getattr__(name: str) -> Callable[[], NoReturn]:
     """The entry points: `vsh.__main__:fit` is `vsh-fit`, and so on for every command."""
     if name in COMMANDS:
-        return partial(run, name)
+        return partial(run_command, name)
     raise AttributeError(name)
 
 

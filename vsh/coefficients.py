@@ -51,7 +51,7 @@ class Coefficients(Frozen):
     modes: Modes
     values: FloatArray
 
-    _kind = Modes
+    _modes_type = Modes
 
     def __repr__(self) -> str:
         largest_mode = list(self.modes)[int(np.argmax(np.abs(self.values)))] if len(self.modes) else "none"
@@ -76,7 +76,7 @@ class Coefficients(Frozen):
         return as_quantity(self.values, "µas/yr").to(str(unit).replace("µ", "u"))
 
     def __post_init__(self) -> None:
-        modes = as_modes(self.modes, self._kind)
+        modes = as_modes(self.modes, self._modes_type)
         # nan stands for coefficients to come, in predictions.
         values = np.array(float_array("the coefficients", self.values, finite=False))
         if np.isinf(values).any():
@@ -168,7 +168,7 @@ class Coefficients(Frozen):
 
     def to_degree(self, lmax: int) -> Coefficients:
         """Change the highest degree to `lmax`: new modes are zero, those above are cut off."""
-        modes = as_modes(lmax, self._kind)
+        modes = as_modes(lmax, self._modes_type)
         values = np.zeros(len(modes))
         for kind in modes.kinds:
             for l in range(modes.lowest, min(modes.lmax, self.modes.lmax) + 1):
@@ -180,7 +180,7 @@ class Coefficients(Frozen):
         if type(other) is not type(self):
             return NotImplemented
         lmax = max(self.modes.lmax, other.modes.lmax)
-        return type(self)(self._kind(lmax), self.to_degree(lmax).values + other.to_degree(lmax).values)
+        return type(self)(self._modes_type(lmax), self.to_degree(lmax).values + other.to_degree(lmax).values)
 
     def __mul__(self, factor: float) -> Coefficients:
         """The field times a number."""

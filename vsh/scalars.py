@@ -57,7 +57,7 @@ class ScalarCoefficients(Coefficients):
     array([-19.])
     """
 
-    _kind = ScalarModes
+    _modes_type = ScalarModes
 
     @classmethod
     def from_moments(cls, mean: float = 0.0, dipole: ArrayLike = (0, 0, 0), lmax: int = 1) -> ScalarCoefficients:

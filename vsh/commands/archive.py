@@ -98,7 +98,7 @@ def make_parser() -> argparse.ArgumentParser:
     return parsing.add_common(parser, "list of what was written")
 
 
-def _find_request_kind(options):
+def _classify_request(options):
     """The kind of a request, a key of _OPTIONS_BY_REQUEST."""
     if options.check:
         return "--check"
@@ -116,7 +116,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself."""
     if bool(options.what or options.upload) == bool(options.check):
         parser.error("say what to fetch, or --check SCHEMA")
-    kind = _find_request_kind(options)
+    kind = _classify_request(options)
     if kind == "a table of the archive" and options.upload:
         parser.error("--upload goes with a query in a file, or alone: a table of the archive is its own list")
     foreign = set().union(*_OPTIONS_BY_REQUEST.values()) - _OPTIONS_BY_REQUEST[kind]
@@ -137,7 +137,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 
 def _make_query(options, has_source_ids):
     """The query that is asked for; `by_name` says whether a list that is sent names its sources."""
-    kind = _find_request_kind(options)
+    kind = _classify_request(options)
     if kind == "a query of ours":
         return archive.QUERIES[options.what]
     if kind == _NEIGHBOURS:

@@ -120,12 +120,12 @@ def parse_nside(text: str) -> int:
 
 def parse_not_negative(text: str) -> float:
     """The type of a number of zero or more."""
-    return _parse_number(text, lambda x: x >= 0, "a number that is not negative")
+    return _parse_valid_number(text, lambda x: x >= 0, "a number that is not negative")
 
 
 def parse_positive(text: str) -> float:
     """The type of a number above zero."""
-    return _parse_number(text, lambda x: x > 0, "a positive number")
+    return _parse_valid_number(text, lambda x: x > 0, "a positive number")
 
 
 def _check_excess_noise_value(text):
@@ -159,7 +159,7 @@ def split_method(text: str) -> tuple[str, str | None]:
     return name, value or None
 
 
-def _parse_number(text, is_valid, description):
+def _parse_valid_number(text, is_valid, description):
     parsed_numbers = _parse_finite_numbers(text)
     if len(parsed_numbers) != 1 or not is_valid(parsed_numbers[0]):
         raise argparse.ArgumentTypeError(f"{description} is expected, not {text!r}")
@@ -218,7 +218,7 @@ def check_formats(text: str) -> str:
                 f"{entry!r} is no format: {', '.join(FIGURE_FORMATS)} of figures, @DPI behind it or not, or none; "
                 f"{', '.join(TABLE_FORMATS)} of tables"
             )
-        if at_sign and not 20 <= _parse_number(dpi, math.isfinite, "a number of dots per inch") <= 2400:
+        if at_sign and not 20 <= _parse_valid_number(dpi, math.isfinite, "a number of dots per inch") <= 2400:
             raise argparse.ArgumentTypeError(f"20 to 2400 dots an inch are expected, not {dpi!r}")
     return text
 

@@ -295,7 +295,7 @@ def plot_field(
     if largest_motion > 0:
         draw_arrow_key(axes, largest_motion, unit)
     names = ("spin", "acceleration") if unit == "µas/yr" else ("rotation", "glide")
-    handles, legend_title = _draw_directions(axes, coefficients, covariance, names)
+    handles, legend_title = _draw_direction_stars(axes, coefficients, covariance, names)
     if hatching is not None:
         handles.append(_make_gap_legend_handle())
     if is_noise:
@@ -362,7 +362,7 @@ def _make_significance_colormap():
     return ListedColormap(colours)
 
 
-def _draw_directions(axes, coefficients, covariance, names):
+def _draw_direction_stars(axes, coefficients, covariance, names):
     """Stars of acceleration and spin, and why arrows need not meet there."""
     handles, detected_names = [], []
     for kind, name in (("S", names[1]), ("T", names[0])):

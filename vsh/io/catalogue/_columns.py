@@ -137,7 +137,7 @@ def _propose_columns(absent_roles, column_of, source):
     proposed_names = {role: guesses.get(role, "…") for role in absent_roles}
     all_names = column_of | proposed_names
     unitless = [all_names.get(role, "…") for role in REQUIRED[2:]]
-    unitless = [name for name in unitless if name != "…" and find_unit(name, {}, source) is None]
+    unitless = [name for name in unitless if name != "…" and find_column_unit(name, {}, source) is None]
     options = {"columns": proposed_names}
     if unitless and "…" not in proposed_names.values():
         options["units"] = dict.fromkeys(unitless, "mas/yr")
@@ -313,12 +313,12 @@ def find_conversion_factors(
     gaia_like_roles = REQUIRED[3:] if column_of.get("pmra", "").lower() == "pmra" else ()
     for role in [role for role in (*REQUIRED, *FURTHER_UNITS) if role in column_of]:
         name, target_unit = column_of[role], UNITS.get(role, FURTHER_UNITS.get(role))
-        unit = find_unit(name, units, source)
+        unit = find_column_unit(name, units, source)
         if role == "ra" and str(unit).strip().lower() in ("h", "hr", "hour", "hours"):
             unit = "hourangle"
         if unit is not None:
             role_factors[role] = _find_role_factor(role, name, unit, target_unit, name in units)
-        elif role in _UNIT_OF and (unit := find_unit(column_of[_UNIT_OF[role]], units, source)) is not None:
+        elif role in _UNIT_OF and (unit := find_column_unit(column_of[_UNIT_OF[role]], units, source)) is not None:
             # An error is in the unit of what it is the error of, unless the table states another.
             motion_name = column_of[_UNIT_OF[role]]
             assumed_units.setdefault(f"{_format_unit(unit)}, the unit of {printable(motion_name)}", []).append(name)
@@ -350,7 +350,7 @@ _UNIT_OF = {"pmra_error": "pmra", "pmdec_error": "pmdec"}
 _GAIA_UNITS = (*REQUIRED, "parallax", "parallax_error")
 
 
-def find_unit(name: str, units: Mapping[str, Any], source: TableSource) -> Any:
+def find_column_unit(name: str, units: Mapping[str, Any], source: TableSource) -> Any:
     """The unit of a column: the user's, the table's, or that in its name; None where nobody says it."""
     for unit in (units.get(name), source.units.get(name), split_name_and_unit(name)[1]):
         if unit is not None and str(unit).strip():

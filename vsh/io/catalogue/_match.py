@@ -10,7 +10,7 @@ import numpy as np
 
 from vsh.field import MEASURED, Field
 from vsh.io import tables
-from vsh.io.catalogue._columns import RowSelection, check_degrees, find_unit, parse_sexagesimal
+from vsh.io.catalogue._columns import RowSelection, check_degrees, find_column_unit, parse_sexagesimal
 from vsh.io.catalogue._names import ColumnRequest
 from vsh.io.columns import missing_column, unit_factor
 from vsh.sky.frames import AXES, Positions
@@ -362,7 +362,7 @@ def read_positions(
         if role in ("name", "defining"):
             continue
         values, missing = table[name]
-        unit = find_unit(name, units or {}, table_source)
+        unit = find_column_unit(name, units or {}, table_source)
         numbers[role] = parse_sexagesimal(role, name, np.asarray(values), missing, str(unit or ""))
         if numbers[role] is None:
             factor = unit_factor(name, unit, _UNITS_BY_ROLE[role]) if role in _UNITS_BY_ROLE else 1.0

@@ -97,8 +97,8 @@ def parts(
         raise ParameterError(f"{len(files) - len(paths)} of the parts are files that stand there twice")
     if len(files) > 1:
         first_table = open_table(files[0], format)
-        reader = replace(reader, like=(first_table.label, _find_table_layout(first_table, request)))
-    stamps = {_get_file_name(file): _stamp_file(file) for file in files}
+        reader = replace(reader, first_layout=(first_table.label, _find_table_layout(first_table, request)))
+    stamps = {_get_file_name(file): _get_file_stamp(file) for file in files}
     return Parts(pieces, replace(reader, records=stamps), engine=_choose_engine(pieces, workers, scheduler))
 
 
@@ -113,7 +113,7 @@ class Reader:
     rows: int
     motions: bool = True
     sigma: float | None = None
-    like: tuple[str, Any] | None = None
+    first_layout: tuple[str, Any] | None = None
     where: str | None = None
     format: str | None = None
     #: By what each file is known, when it was opened first.
@@ -129,8 +129,8 @@ class Reader:
             self._check_unchanged(file)
         if isinstance(piece, (str, os.PathLike, RemotePath)):
             piece = open_table(piece, self.format)
-        if self.like is not None and isinstance(piece, TableSource):
-            _check_same_columns(piece, columns, *self.like)
+        if self.first_layout is not None and isinstance(piece, TableSource):
+            _check_same_columns(piece, columns, *self.first_layout)
         notes: tuple[str, ...] = ()
         if not self.motions:
             piece, position_columns, notes = add_zero_motions(open_table(piece), columns, self.sigma)
@@ -143,24 +143,24 @@ class Reader:
 
     def _check_unchanged(self, file):
         if (name := _get_file_name(file)) in self.records:
-            check_unchanged(name, self.records[name], _stamp_file(file))
+            check_unchanged(name, self.records[name], _get_file_stamp(file))
 
 
 def _get_file_name(file):
     return file.label if isinstance(file, RemotePath) else str(file)
 
 
-def _stamp_file(file):
+def _get_file_stamp(file):
     return fingerprint_of(file) if isinstance(file, RemotePath) else file_stamp(file)
 
 
 def _find_table_layout(table, request):
     """Columns that a table has, and their units."""
-    return _find_used_names(tuple(table.names), tuple((name, str(unit)) for name, unit in table.units.items()), request)
+    return _find_used_units(tuple(table.names), tuple((name, str(unit)) for name, unit in table.units.items()), request)
 
 
 @lru_cache
-def _find_used_names(names, units, request):
+def _find_used_units(names, units, request):
     column_units, present_set, derived = dict(units), set(names), find_derivable_columns(names)
     resolved_columns, _ = request.choose_names((*names, *derived))
     column_names = [name for names in vars(resolved_columns).values() for name in list_candidates(names)]

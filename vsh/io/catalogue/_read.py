@@ -185,7 +185,7 @@ def read_columns(source: Any, names: Iterable[str], **reading: Any) -> dict[str,
         If one holds no numbers, or `read_field` would raise it.
     """
     names = list(names)
-    maker = _make_column_maker(source, names, reading)
+    maker = _make_maker_with_columns(source, names, reading)
     _, values = _read_field_and_columns(maker, maker.source.columns(maker.names), names, 0)
     return values
 
@@ -195,7 +195,7 @@ def stream_columns(
 ) -> Iterator[tuple[Field, dict[str, FloatArray]]]:
     """A catalogue larger than memory: fields of at most `rows` sources, and numbers of any columns beside them."""
     names, first_row = list(names), 0
-    maker = _make_column_maker(source, names, reading)
+    maker = _make_maker_with_columns(source, names, reading)
     for block in maker.source.blocks(maker.names, whole("rows", rows)):
         try:
             yield _read_field_and_columns(maker, block, names, first_row)
@@ -205,7 +205,7 @@ def stream_columns(
         first_row += len(next(iter(block.values()))[0])
 
 
-def _make_column_maker(source, names, reading):
+def _make_maker_with_columns(source, names, reading):
     """Maker of fields of a table with further columns."""
     options = {"columns": None, "units": None, "on_bad": "raise", "frame": None, "where": None, "sigma": None} | reading
     table = tables.open_table(source, options.pop("format", None))
