@@ -86,7 +86,7 @@ def make_share(folder, version):
     import shtab
     from argparse_manpage.manpage import Manpage
 
-    from vsh.__main__ import COMMANDS, module_of
+    from vsh.__main__ import COMMANDS, import_command_module
     from vsh.__main__ import describe_command as purpose
 
     about = {
@@ -97,7 +97,7 @@ def make_share(folder, version):
     }
     texts = {}
     for name in COMMANDS:
-        words = module_of(name)
+        words = import_command_module(name)
         parser = words.make_parser()
         texts[f"man/man1/vsh-{name}.1"] = str(Manpage(words.make_parser(), about | {"description": purpose(name)}))
         for action in parser._actions:

@@ -12,7 +12,7 @@ import pytest
 from conftest import POSIX
 
 import sim
-from vsh.__main__ import COMMANDS, module_of, run
+from vsh.__main__ import COMMANDS, import_command_module, run_command
 from vsh.tools.files import digest
 
 #: Values that make sense, by option; others are given any of `ODD`.
@@ -54,7 +54,7 @@ def precious(tmp_path_factory):
 
 def drawn(chance, command):
     """Words for a command."""
-    parser, words = module_of(command).make_parser(), []
+    parser, words = import_command_module(command).make_parser(), []
     for action in parser._actions:
         name = (action.option_strings or [action.dest])[-1].lstrip("-")
         if isinstance(action, argparse._HelpAction | argparse._VersionAction) or (
@@ -100,7 +100,7 @@ def child(command, words, folder, told):
         resource.setrlimit(resource.RLIMIT_AS, (8 * 2**30,) * 2)
         status = 99
         try:
-            run(command, words)
+            run_command(command, words)
         except SystemExit as stop:
             status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
         except BaseException:

@@ -29,17 +29,17 @@ _USAGE = """usage: python -m vsh COMMAND …
 Each is a command of its own, too: python -m vsh fit is vsh-fit. See python -m vsh COMMAND --help."""
 
 
-def module_of(command: str) -> ModuleType:
+def import_command_module(command: str) -> ModuleType:
     """The module of a command, with its parser: light, what it works with is imported when the work begins."""
     return import_module(COMMANDS[command].module)
 
 
 def describe_command(command: str) -> str:
     """Describe a command in a few words."""
-    return re.split(r"[:.] ", module_of(command).make_parser().description)[0].rstrip(".")
+    return re.split(r"[:.] ", import_command_module(command).make_parser().description)[0].rstrip(".")
 
 
-def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
+def run_command(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
     """Parse the options of a command, run it, and exit with its status."""
 
     def exit_interrupted(*_):
@@ -49,14 +49,14 @@ def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
 
     signal.signal(signal.SIGINT, exit_interrupted)
     atexit.register(gc.freeze)  # a search for garbage in all that ends anyhow takes a seventh of a small job
-    sys.excepthook = _print_without_secrets
+    sys.excepthook = _print_traceback_without_secrets
     from vsh.tools.printing import guard_printing
 
     with guard_printing():
-        from vsh.commands.parsing import parse
+        from vsh.commands.parsing import parse_options
 
-        module = module_of(command)
-        options = parse(module, arguments)
+        module = import_command_module(command)
+        options = parse_options(module, arguments)
         signal.signal(signal.SIGINT, signal.default_int_handler)  # from here on `vsh.commands.running.guarded` sees it
         status = module.run(options)
     if signal_number := getattr(options, "interrupted_by", None):  # a shell's loop ends where a signal ended a command
@@ -68,7 +68,7 @@ def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
     sys.exit(status)
 
 
-def _print_without_secrets(error_type, error, traceback):
+def _print_traceback_without_secrets(error_type, error, traceback):
     """Print what went wrong with us, without the passwords of addresses that may stand in it."""
     from traceback import format_exception
 
@@ -91,13 +91,13 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         sys.exit(0)
     if command not in COMMANDS:
         sys.exit(f"python -m vsh: there is no command {tokens[0]!r}: {', '.join(COMMANDS)} are")
-    run(command, tokens[1:])
+    run_command(command, tokens[1:])
 
 
 def __getattr__(name: str) -> Callable[[], NoReturn]:
     """The entry points: `vsh.__main__:fit` is `vsh-fit`, and so on for every command."""
     if name in COMMANDS:
-        return partial(run, name)
+        return partial(run_command, name)
     raise AttributeError(name)
 
 

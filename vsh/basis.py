@@ -40,10 +40,10 @@ def toroidal_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArra
     """The toroidal half of `harmonics`: (lmax (lmax + 2), 2, n)."""
     lon, lat = np.asarray(lon, float), np.asarray(lat, float)
     sin, cos = sin_cos(lat)
-    turn_re, turn_im = cos_sin_multiples(lon, lmax)
+    cos_multiples, sin_multiples = cos_sin_multiples(lon, lmax)
     basis = np.empty((lmax * (lmax + 2), 2, lon.size))
     row = 0
-    for l, q, q_below in _compute_legendre_over_cos(sin, cos, lmax):
+    for l, q, q_below in _yield_legendre_over_cos(sin, cos, lmax):
         m = np.arange(1, l + 1)[:, None]
         # A real field needs m ≥ 0 alone, counted twice: 2 (t^R Re T - t^I Im T).
         norm = 2 * (-1.0) ** m / np.sqrt(l * (l + 1))
@@ -51,13 +51,13 @@ def toroidal_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArra
         b = (norm * -l) * (sin * q)
         if l > 1:
             b[:-1] += (norm[:-1] * np.sqrt((2 * l + 1) / (2 * l - 1) * (l * l - m[:-1] ** 2))) * q_below
-        block = basis[row : row + 2 * l + 1]
-        np.multiply(cos, q[0], out=block[0, 0])  # dP̄_l0/dδ = √(l(l+1)) P̄_l1
-        block[0, 1] = 0.0
-        np.multiply(b, turn_re[:l], out=block[1::2, 0])
-        np.multiply(a, turn_im[:l], out=block[1::2, 1])
-        np.multiply(b, -turn_im[:l], out=block[2::2, 0])
-        np.multiply(a, turn_re[:l], out=block[2::2, 1])
+        degree_rows = basis[row : row + 2 * l + 1]
+        np.multiply(cos, q[0], out=degree_rows[0, 0])  # dP̄_l0/dδ = √(l(l+1)) P̄_l1
+        degree_rows[0, 1] = 0.0
+        np.multiply(b, cos_multiples[:l], out=degree_rows[1::2, 0])
+        np.multiply(a, sin_multiples[:l], out=degree_rows[1::2, 1])
+        np.multiply(b, -sin_multiples[:l], out=degree_rows[2::2, 0])
+        np.multiply(a, cos_multiples[:l], out=degree_rows[2::2, 1])
         row += 2 * l + 1
     return basis
 
@@ -74,19 +74,19 @@ def scalar_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArray:
     basis[0] = 1 / np.sqrt(4 * np.pi)
     if lmax == 0:
         return basis
-    turn_re, turn_im = cos_sin_multiples(lon, lmax)
+    cos_multiples, sin_multiples = cos_sin_multiples(lon, lmax)
     zonal, zonal_below = sin, np.ones_like(sin)  # P_l and P_l-1, not normalised
-    for l, q, _ in _compute_legendre_over_cos(sin, cos, lmax):
-        block = basis[l * l : (l + 1) ** 2]
-        block[0] = np.sqrt((2 * l + 1) / (4 * np.pi)) * zonal
+    for l, q, _ in _yield_legendre_over_cos(sin, cos, lmax):
+        degree_rows = basis[l * l : (l + 1) ** 2]
+        degree_rows[0] = np.sqrt((2 * l + 1) / (4 * np.pi)) * zonal
         norm = 2 * (-1.0) ** np.arange(1, l + 1)[:, None]
-        np.multiply(norm * cos * q, turn_re[:l], out=block[1::2])
-        np.multiply(-norm * cos * q, turn_im[:l], out=block[2::2])
+        np.multiply(norm * cos * q, cos_multiples[:l], out=degree_rows[1::2])
+        np.multiply(-norm * cos * q, sin_multiples[:l], out=degree_rows[2::2])
         zonal, zonal_below = ((2 * l + 1) * sin * zonal - l * zonal_below) / (l + 1), zonal
     return basis
 
 
-def _compute_legendre_over_cos(sin, cos, lmax):
+def _yield_legendre_over_cos(sin, cos, lmax):
     """P̄_lm(sin δ) / cos δ degree by degree: yields l, its (l, n) array for m = 1 … l, and that of l - 1."""
     q_below, q = np.empty((0, sin.size)), np.full((1, sin.size), np.sqrt(3 / (8 * np.pi)))
     for l in range(1, lmax + 1):

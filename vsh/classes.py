@@ -102,15 +102,15 @@ class Classes(InNotebook):
             interval_texts = (f"{name} {upper_sign} {texts[0]}", *inner, f"{name} {greater_sign} {texts[-1]}")
             return interval_texts if ends else interval_texts[1:-1]
 
-        texts = [_format_in_full(edge) for edge in edges]
+        edge_texts = [_format_fully(edge) for edge in edges]
         tolerance = 1e-3 * min(np.diff(edges), default=0.0)
         rounded_texts = [[f"{edge:.{digits}g}" for digits in (4, 7, 10)] for edge in edges]
         short = [
             text if len(text) <= 8 else next((t for t in candidates if abs(float(t) - edge) <= tolerance), text)
-            for text, candidates, edge in zip(texts, rounded_texts, edges, strict=True)
+            for text, candidates, edge in zip(edge_texts, rounded_texts, edges, strict=True)
         ]
-        conditions = format_intervals(texts)
-        labels = format_intervals(short if len({*short}) == len(short) else texts)  # quantiles have sixteen digits
+        conditions = format_intervals(edge_texts)
+        labels = format_intervals(short if len({*short}) == len(short) else edge_texts)  # quantiles have sixteen digits
         labels = tuple(label.replace("<=", "≤").replace(">=", "≥") for label in labels)
         if values is None:
             return cls(labels, conditions=conditions)
@@ -143,13 +143,13 @@ class Classes(InNotebook):
         if len(distinct) < 2:
             raise DegeneracyError(f"{name} is the same for all sources")
         if len(distinct) <= k:
-            return cls(tuple(f"{name} = {_format_in_full(value)}" for value in distinct), numbers == distinct[:, None])
+            return cls(tuple(f"{name} = {_format_fully(value)}" for value in distinct), numbers == distinct[:, None])
         quantiles = np.unique(np.nanquantile(numbers, np.arange(1, k) / k))
         quantiles = quantiles[quantiles > distinct[0]] if quantiles[-1] > distinct[0] else distinct[1:2]
-        spread = np.diff(quantiles, prepend=distinct[0], append=distinct[-1]).max()
+        largest_gap = np.diff(quantiles, prepend=distinct[0], append=distinct[-1]).max()
         for digits in (4, 6, 8, 17):  # as few as leave the classes what they are
             edges = [float(f"{edge:.{digits}g}") for edge in quantiles]
-            if np.abs(edges - quantiles).max() < 0.05 * spread and (np.diff(edges, prepend=distinct[0]) > 0).all():
+            if np.abs(edges - quantiles).max() < 0.05 * largest_gap and (np.diff(edges, prepend=distinct[0]) > 0).all():
                 break
         return cls.by_edges(name, edges, numbers)
 
@@ -221,18 +221,18 @@ class Classes(InNotebook):
         if isinstance(sources, Parts):
             if not self.frame:
                 raise ParameterError("only halves of the sky split a catalogue in parts: others take .map or --where")
-            return [sources.map(partial(_select_class, classes=self, i=i)) for i in range(len(self))]
+            return [sources.map(partial(_select_class, classes=self, class_index=i)) for i in range(len(self))]
         return [sources[mask] for _, mask in self.of(sources)]
 
 
-def _format_in_full(number):
+def _format_fully(number):
     """Text of a number with all of its digits."""
     return f"{number:g}" if float(f"{number:g}") == number else repr(float(number))
 
 
-def _select_class(field, classes, i):
+def _select_class(field, classes, class_index):
     """The sources of class i in one part."""
-    selected = field[classes.of(field).masks[i]]
+    selected = field[classes.of(field).masks[class_index]]
     if not len(selected):
-        raise EmptyFieldError(f"this part of the catalogue has no source in the {classes.labels[i]}")
+        raise EmptyFieldError(f"this part of the catalogue has no source in the {classes.labels[class_index]}")
     return selected

@@ -51,13 +51,13 @@ class Coefficients(Frozen):
     modes: Modes
     values: FloatArray
 
-    _kind = Modes
+    _modes_type = Modes
 
     def __repr__(self) -> str:
-        largest = list(self.modes)[int(np.argmax(np.abs(self.values)))] if len(self.modes) else "none"
+        largest_mode = list(self.modes)[int(np.argmax(np.abs(self.values)))] if len(self.modes) else "none"
         return (
             f"<{type(self).__name__}: {len(self.modes)}, degrees {self.modes.lowest} to {self.modes.lmax}, rms "
-            f"{np.sqrt(np.mean(self.values**2)):.3g}, largest {largest}>"
+            f"{np.sqrt(np.mean(self.values**2)):.3g}, largest {largest_mode}>"
         )
 
     def to(self, unit: str) -> Quantity:
@@ -76,7 +76,7 @@ class Coefficients(Frozen):
         return as_quantity(self.values, "µas/yr").to(str(unit).replace("µ", "u"))
 
     def __post_init__(self) -> None:
-        modes = as_modes(self.modes, self._kind)
+        modes = as_modes(self.modes, self._modes_type)
         # nan stands for coefficients to come, in predictions.
         values = np.array(float_array("the coefficients", self.values, finite=False))
         if np.isinf(values).any():
@@ -132,7 +132,7 @@ class Coefficients(Frozen):
         """
         degree_one = self.modes.slice_of(kind, 1)
         covariance_block = np.zeros((3, 3)) if covariance is None else np.asarray(covariance)[degree_one, degree_one]
-        return vector_of(FIRST_DEGREE, self.values[degree_one], covariance_block, frame, unit)
+        return solve_degree_one(FIRST_DEGREE, self.values[degree_one], covariance_block, frame, unit)
 
     def power(self, kind: Kind, l: int) -> float:
         """∫ |V_l|² dΩ of one kind and degree. [(µas/yr)²]
@@ -144,8 +144,8 @@ class Coefficients(Frozen):
         l : int
             The degree.
         """
-        c = self.values[self.modes.slice_of(kind, l)]
-        return float(c[0] ** 2 + 2 * np.sum(c[1:] ** 2))
+        degree_values = self.values[self.modes.slice_of(kind, l)]
+        return float(degree_values[0] ** 2 + 2 * np.sum(degree_values[1:] ** 2))
 
     def __call__(self, lon: ArrayLike, lat: ArrayLike) -> FloatArray:
         """The field at places, `at`."""
@@ -158,17 +158,17 @@ class Coefficients(Frozen):
         field_values = np.empty((self.modes.components, lon.size))
         block_size = max(1, min(8192, 2**24 // len(self.modes)))  # at most 256 MiB of basis
 
-        def fill(chunk):
-            basis = harmonics(lon[chunk], lat[chunk], self.modes)
-            field_values[:, chunk] = np.tensordot(self.values, basis, axes=1)
+        def fill_block(block):
+            basis = harmonics(lon[block], lat[block], self.modes)
+            field_values[:, block] = np.tensordot(self.values, basis, axes=1)
 
-        for _ in map_blocks(fill, lon.size, block_size):
+        for _ in map_blocks(fill_block, lon.size, block_size):
             pass
         return field_values.reshape(-1, *shape)
 
     def to_degree(self, lmax: int) -> Coefficients:
         """Change the highest degree to `lmax`: new modes are zero, those above are cut off."""
-        modes = as_modes(lmax, self._kind)
+        modes = as_modes(lmax, self._modes_type)
         values = np.zeros(len(modes))
         for kind in modes.kinds:
             for l in range(modes.lowest, min(modes.lmax, self.modes.lmax) + 1):
@@ -180,7 +180,7 @@ class Coefficients(Frozen):
         if type(other) is not type(self):
             return NotImplemented
         lmax = max(self.modes.lmax, other.modes.lmax)
-        return type(self)(self._kind(lmax), self.to_degree(lmax).values + other.to_degree(lmax).values)
+        return type(self)(self._modes_type(lmax), self.to_degree(lmax).values + other.to_degree(lmax).values)
 
     def __mul__(self, factor: float) -> Coefficients:
         """The field times a number."""
@@ -189,8 +189,8 @@ class Coefficients(Frozen):
     __rmul__ = __mul__
 
 
-def vector_of(matrix: FloatArray, values: FloatArray, covariance: FloatArray, frame: str, unit: str) -> Vector:
-    """The Cartesian vector that corresponds to the three coefficients of degree 1."""
+def solve_degree_one(matrix: FloatArray, values: FloatArray, covariance: FloatArray, frame: str, unit: str) -> Vector:
+    """The Cartesian vector that `matrix` turns into the three coefficients of degree 1."""
     # The rows are orthogonal, but not of one length: the inverse, then.
     inverse = np.linalg.inv(matrix)
     return Vector(inverse @ values, inverse @ covariance @ inverse.T, frame, unit)

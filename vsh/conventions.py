@@ -79,14 +79,14 @@ def to_icrf3(coefficients: Coefficients) -> dict[str, float]:
     }
 
 
-def icrf3_terms(coefficients: Coefficients, sigma: FloatArray) -> dict[str, tuple[float, float]]:
+def to_icrf3_terms(coefficients: Coefficients, sigma: FloatArray) -> dict[str, tuple[float, float]]:
     """(value, error) by name: `to_icrf3` with the errors of the coefficients, (p,), and ours of degree 3 and higher."""
     terms = {
         name: (value, float(sigma[coefficients.modes.index(ICRF3[name][0])] / abs(ICRF3[name][1])))
         for name, value in to_icrf3(coefficients).items()
     }
-    triples = zip(coefficients.modes, coefficients.values, sigma, strict=True)
-    return terms | {str(mode): (float(value), float(error)) for mode, value, error in triples if mode.l > 2}
+    modes_values_errors = zip(coefficients.modes, coefficients.values, sigma, strict=True)
+    return terms | {str(mode): (float(value), float(error)) for mode, value, error in modes_values_errors if mode.l > 2}
 
 
 def from_icrf3(parameters: Mapping[str, float]) -> Coefficients:
@@ -113,7 +113,7 @@ def from_icrf3(parameters: Mapping[str, float]) -> Coefficients:
     return Coefficients(modes, values)
 
 
-def _find_vityazev_term(mode):
+def _find_vityazev_name_and_factor(mode):
     """The name t_nkp of a mode and the factor from our coefficient to theirs: orthonormal real harmonics."""
     name = f"{mode.kind.lower()}_{mode.l}.{mode.m}.{0 if mode.part == 'im' else 1}"
     if mode.m == 0:
@@ -141,7 +141,7 @@ def to_vityazev(coefficients: Coefficients) -> dict[str, float]:
     >>> [round(theirs[name], 3) for name in ("t_1.1.1", "t_1.1.0", "t_1.0.1")]
     [2.894, 5.789, 8.683]
     """
-    terms = [_find_vityazev_term(mode) for mode in coefficients.modes]
+    terms = [_find_vityazev_name_and_factor(mode) for mode in coefficients.modes]
     return {name: float(factor * v) for (name, factor), v in zip(terms, coefficients.values, strict=True)}
 
 
@@ -165,7 +165,7 @@ def from_vityazev(parameters: Mapping[str, float]) -> Coefficients:
     """
     matches = [re.fullmatch(r"[ts]_(\d+)\.\d+\.[01]", name) for name in parameters]
     modes = Modes(max([int(match[1]) for match in matches if match], default=1))
-    terms = {name: (i, factor) for i, (name, factor) in enumerate(map(_find_vityazev_term, modes))}
+    terms = {name: (i, factor) for i, (name, factor) in enumerate(map(_find_vityazev_name_and_factor, modes))}
     invalid_names = [name for name in parameters if name not in terms]
     if invalid_names:
         raise ModesError(
@@ -209,7 +209,7 @@ def from_healpy(alm: ArrayLike) -> Coefficients:
         If the alm are not two rows of a triangular length.
     """
     alm = np.asarray(alm)
-    lmax = _infer_lmax(alm)
+    lmax = _infer_alm_lmax(alm)
     if alm.ndim != 2 or alm.shape[0] != 2 or lmax is None:
         raise ModesError(f"alm of shape {alm.shape} are not E and B to some degree, (2, (lmax + 1)(lmax + 2)/2)")
     modes = Modes(lmax)
@@ -247,33 +247,33 @@ def scalar_from_healpy(alm: ArrayLike) -> ScalarCoefficients:
         If the alm are no row of a triangular length.
     """
     alm = np.asarray(alm)
-    lmax = _infer_lmax(alm)
+    lmax = _infer_alm_lmax(alm)
     if alm.ndim != 1 or lmax is None:
         raise ModesError(f"alm of shape {alm.shape} are not those of a scalar field, ((lmax + 1)(lmax + 2)/2,)")
     modes = ScalarModes(lmax)
     return ScalarCoefficients(modes, _unpack_alm(alm, modes))
 
 
-def _infer_lmax(alm):
+def _infer_alm_lmax(alm):
     lmax = int(np.sqrt(2 * alm.shape[-1])) - 1 if alm.ndim else -1
     return lmax if lmax >= 0 and (lmax + 1) * (lmax + 2) // 2 == alm.shape[-1] else None
 
 
 def _pack_alm(values, modes):
     alm = np.zeros((modes.lmax + 1) * (modes.lmax + 2) // 2, complex)
-    places, is_im = _find_healpy_places(modes.lmax, modes.lowest)
+    places, is_im = _find_alm_places_and_parts(modes.lmax, modes.lowest)
     alm.real[places[~is_im]] = values[~is_im]
     alm.imag[places[is_im]] = values[is_im]
     return alm
 
 
 def _unpack_alm(alm, modes):
-    indices, is_im = _find_healpy_places(modes.lmax, modes.lowest)
-    return np.where(is_im, alm[indices].imag, alm[indices].real)
+    places, is_im = _find_alm_places_and_parts(modes.lmax, modes.lowest)
+    return np.where(is_im, alm[places].imag, alm[places].real)
 
 
 @lru_cache(maxsize=8)
-def _find_healpy_places(lmax, lowest):
+def _find_alm_places_and_parts(lmax, lowest):
     """Places of the modes of one kind in an alm array, and which are imaginary parts."""
     degrees = np.arange(lowest, lmax + 1)
     l = np.repeat(degrees, 2 * degrees + 1)

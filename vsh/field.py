@@ -48,9 +48,9 @@ _MEASURED_UNITS = dict.fromkeys(MEASURED[3:5], "Mpc") | dict.fromkeys(MEASURED[5
 _MOTIONS = ("pmra", "pmdec", "pmra_error", "pmdec_error")
 
 
-def field_arrays(
+def make_field_arrays(
     given_columns: Mapping[str, Any],
-    name: ArrayLike | None,
+    source_names: ArrayLike | None,
     on_bad: OnBad,
     first_row: int,
     unusable: Mapping[str, BoolArray] | None = None,
@@ -62,16 +62,16 @@ def field_arrays(
         raise FieldError(f"on_bad is 'raise' or 'drop', not {on_bad!r}")
     units = dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(_MOTIONS, "mas / yr") | {"magnitude": "mag"}
     units |= _MEASURED_UNITS
-    absent = [c for c in ("ra", "dec", *_MOTIONS) if given_columns[c] is None]
-    if absent:
-        raise FieldError(f"{', '.join(absent)} must be given")
+    absent_columns = [c for c in ("ra", "dec", *_MOTIONS) if given_columns[c] is None]
+    if absent_columns:
+        raise FieldError(f"{', '.join(absent_columns)} must be given")
     pairs = {c: bad_rows.as_floats_and_mask(c, v, units.get(c, "")) for c, v in given_columns.items() if v is not None}
     columns: dict[str, Any] = {column: pair[0] for column, pair in pairs.items()}
     missing: dict[str, BoolArray] = {column: pair[1] for column, pair in pairs.items()}
     columns.setdefault("pmra_pmdec_corr", np.zeros(columns["ra"].shape))
     n = columns["ra"].size
-    if name is not None:
-        columns["name"] = np.asarray(name)
+    if source_names is not None:
+        columns["name"] = np.asarray(source_names)
     bad_rows.check_column_shapes(columns, lambda column: (n,))
 
     block = np.empty((6, n))  # at once: the memory of a large block comes in large pages
@@ -94,14 +94,14 @@ def field_arrays(
     if "redshift" in columns and "redshift_error" in columns:
         notes = (*notes, *_blank_unknown_redshifts(columns, first_row))
     spans = {column: bad_rows.span_of(columns[column]) for column in _MOTIONS}
-    invalid = bad_rows.find_bad_rows(
+    masks_by_reason = bad_rows.find_bad_rows(
         lon, lat, motion, sigma, rho,
         dict(unusable or {}) | {f"{c} missing": mask for c, mask in missing.items() if c not in MEASURED},
         bad_rows.find_placeholder_rows({c: columns[c] for c in _MOTIONS}, spans), turns=1,
         spans={"motion": bad_rows.joint_span(spans, _MOTIONS[:2], MAS),
                "sigma": bad_rows.joint_span(spans, _MOTIONS[2:], MAS)},
     )  # fmt: skip
-    rows, added_notes = bad_rows.select_usable_rows(invalid, n, on_bad, first_row, (lon, lat), aside)
+    rows, added_notes = bad_rows.select_usable_rows(masks_by_reason, n, on_bad, first_row, (lon, lat), aside)
     arrays = {"lon": lon[rows], "lat": lat[rows], "motion": motion[:, rows], "sigma": sigma[:, rows], "rho": rho[rows]}
     arrays |= {c: columns[c][rows] for c in (*MEASURED, "name") if c in columns}
     kept_spans = spans if isinstance(rows, slice) else None
@@ -132,9 +132,9 @@ def _blank_unknown_redshifts(columns, first_row):
     return (CodedNote(text, NO_REDSHIFTS) if look_like_velocities else text,)
 
 
-def _broadcast(value, shape):
+def _broadcast_scalar(column_or_scalar, shape):
     """A column, or one number or Quantity for all sources."""
-    return np.broadcast_to(value, shape, subok=True) if np.ndim(value) == 0 else value
+    return np.broadcast_to(column_or_scalar, shape, subok=True) if np.ndim(column_or_scalar) == 0 else column_or_scalar
 
 
 def concatenate_columns(first: Any, second: Any) -> dict[str, Any]:
@@ -144,8 +144,8 @@ def concatenate_columns(first: Any, second: Any) -> dict[str, Any]:
     frames = {field.redshift_frame for field in (first, second) if field.redshift is not None}
     if len(frames) > 1:
         raise FieldError(f"redshifts stand in {' and '.join(map(str, frames))}: take them to one frame first")
-    names = ("lon", "lat", "motion", "sigma", "rho", *MEASURED, "name")
-    columns = {name: _concatenate_column(first, second, name) for name in names}
+    column_names = ("lon", "lat", "motion", "sigma", "rho", *MEASURED, "name")
+    columns = {name: _concatenate_column(first, second, name) for name in column_names}
     return columns | {"redshift_frame": next(iter(frames), None), "notes": merge_notes(first.notes, second.notes)}
 
 
@@ -163,7 +163,7 @@ def _concatenate_column(first_field, second_field, name):
 
 
 class SourcesWithErrors(Frozen):
-    """Base of sources with values and errors; `_table` gives columns, units and plain facts of the table of them."""
+    """Base of sources with values and errors; `_make_table_columns` gives their columns, units and plain facts."""
 
     components: ClassVar[int]
     units_shown: ClassVar[dict[str, str]] = {
@@ -278,12 +278,12 @@ class SourcesWithErrors(Frozen):
         a, b, c = self.weights
         return -np.log(a * b) - np.log1p(-(c**2) / (a * b))
 
-    def _table(self) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
+    def _make_table_columns(self) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
         raise NotImplementedError
 
     def to_table(self) -> Table:
         """The sources as an astropy Table in the names and units of Gaia's archive."""
-        columns, units, facts = self._table()
+        columns, units, facts = self._make_table_columns()
         return table_of(columns, facts, units)
 
     def to_qtable(self) -> Table:
@@ -455,14 +455,14 @@ class Field(Equal, SourcesWithErrors):
         >>> field.motion.ravel()
         array([100., 200.])
         """
-        names = ("ra", "dec", *_MOTIONS, "pmra_pmdec_corr")
-        values = (ra, dec, pmra, pmdec, pmra_error, pmdec_error, pmra_pmdec_corr)
-        main_columns = dict(zip(names, values, strict=True))
+        column_names = ("ra", "dec", *_MOTIONS, "pmra_pmdec_corr")
+        column_values = (ra, dec, pmra, pmdec, pmra_error, pmdec_error, pmra_pmdec_corr)
+        main_columns = dict(zip(column_names, column_values, strict=True))
         if not set(measured) <= set(MEASURED):
             raise FieldError(
                 f"no column is called {', '.join(set(measured) - set(MEASURED))}: {', '.join(MEASURED)} are"
             )
-        columns, added_notes = field_arrays(main_columns | measured, name, on_bad, first_row, unusable, aside)
+        columns, added_notes = make_field_arrays(main_columns | measured, name, on_bad, first_row, unusable, aside)
         return cls(**columns, frame=frame, redshift_frame=redshift_frame, notes=(*notes, *added_notes))
 
     @classmethod
@@ -498,8 +498,8 @@ class Field(Equal, SourcesWithErrors):
         shape = np.shape(columns["ra"])
         return cls.from_columns(
             **columns,
-            pmra_error=_broadcast(pmra_error, shape),
-            pmdec_error=_broadcast(pmdec_error, shape),
+            pmra_error=_broadcast_scalar(pmra_error, shape),
+            pmdec_error=_broadcast_scalar(pmdec_error, shape),
             pmra_pmdec_corr=pmra_pmdec_corr,
             frame=frame,
             **further,
@@ -538,32 +538,32 @@ class Field(Equal, SourcesWithErrors):
     @property
     def ra(self) -> FloatArray:
         """Right ascension of each source, (n,). [deg]"""
-        return self._check_icrs_values("ra", self.lon / DEGREE)
+        return self._check_icrs_and_freeze("ra", self.lon / DEGREE)
 
     @property
     def dec(self) -> FloatArray:
         """Declination of each source, (n,). [deg]"""
-        return self._check_icrs_values("dec", self.lat / DEGREE)
+        return self._check_icrs_and_freeze("dec", self.lat / DEGREE)
 
     @property
     def pmra(self) -> FloatArray:
         """Proper motion µ_α* of each source, cos δ included, (n,). [mas/yr]"""
-        return self._check_icrs_values("pmra", self.motion[0] / MAS)
+        return self._check_icrs_and_freeze("pmra", self.motion[0] / MAS)
 
     @property
     def pmdec(self) -> FloatArray:
         """Proper motion µ_δ of each source, (n,). [mas/yr]"""
-        return self._check_icrs_values("pmdec", self.motion[1] / MAS)
+        return self._check_icrs_and_freeze("pmdec", self.motion[1] / MAS)
 
     @property
     def pmra_error(self) -> FloatArray:
         """Standard error of µ_α* of each source, (n,). [mas/yr]"""
-        return self._check_icrs_values("pmra_error", self.sigma[0] / MAS)
+        return self._check_icrs_and_freeze("pmra_error", self.sigma[0] / MAS)
 
     @property
     def pmdec_error(self) -> FloatArray:
         """Standard error of µ_δ of each source, (n,). [mas/yr]"""
-        return self._check_icrs_values("pmdec_error", self.sigma[1] / MAS)
+        return self._check_icrs_and_freeze("pmdec_error", self.sigma[1] / MAS)
 
     @property
     def z(self) -> FloatArray | None:
@@ -573,13 +573,13 @@ class Field(Equal, SourcesWithErrors):
     @property
     def columns(self) -> list[str]:
         """The names of the columns of `to_table`."""
-        return list(self._table()[0])
+        return list(self._make_table_columns()[0])
 
     def __contains__(self, name: object) -> bool:
         """Return whether a source has this name."""
         return self.name is not None and bool(np.any(self.name == name))
 
-    def _check_icrs_values(self, name, values):
+    def _check_icrs_and_freeze(self, name, values):
         if self.frame != "icrs":
             raise FrameError(f'{name} is of ICRS axes, and this field has {self.frame} ones: use .to_frame("icrs")')
         return read_only(np.asarray(values))
@@ -608,10 +608,10 @@ class Field(Equal, SourcesWithErrors):
         from astropy.coordinates import SkyCoord
 
         names = ("ra", "dec") if self.frame == "icrs" else ("l", "b") if self.frame == "galactic" else ("lon", "lat")
-        east = f"pm_{names[0]}_cos{names[1]}"
+        east_keyword = f"pm_{names[0]}_cos{names[1]}"
         degrees, motions = (self.lon / DEGREE, self.lat / DEGREE), self.motion / MAS * units.mas / units.yr
         keywords: dict[str, Any] = {name: angle * units.deg for name, angle in zip(names, degrees, strict=True)}
-        keywords |= {east: motions[0], f"pm_{names[1]}": motions[1]}
+        keywords |= {east_keyword: motions[0], f"pm_{names[1]}": motions[1]}
         frame = "barycentricmeanecliptic" if self.frame == "ecliptic" else self.frame
         return SkyCoord(**keywords, frame=frame)
 
@@ -736,7 +736,7 @@ class Field(Equal, SourcesWithErrors):
         lon, lat, motion, sigma, rho = rotate_astrometry(matrix, self.lon, self.lat, self.motion, self.sigma, self.rho)
         return self._derive(lon=lon, lat=lat, motion=motion, sigma=sigma, rho=rho, frame=name)
 
-    def _table(self):
+    def _make_table_columns(self):
         """A field in Gaia's names: columns, their units, and plain facts."""
         columns = {"source_id": np.arange(1, len(self) + 1) if self.name is None else self.name}
         lon, lat, east, north = AXES[self.frame]
@@ -749,8 +749,8 @@ class Field(Equal, SourcesWithErrors):
         facts = {} if self.frame == "icrs" else {FRAME_KEY: self.frame}
         if self.redshift is not None and self.redshift_frame is not None:
             facts[REDSHIFT_FRAME_KEY] = self.redshift_frame
-        if measured := [role for role in MEASURED[3:] if optional[role] is not None]:
-            facts[MEASURED_KEY] = " ".join(measured)
+        if measured_roles := [role for role in MEASURED[3:] if optional[role] is not None]:
+            facts[MEASURED_KEY] = " ".join(measured_roles)
         units = dict.fromkeys((lon, lat), "deg") | dict.fromkeys(motions, "mas / yr") | {"phot_g_mean_mag": "mag"}
         units |= _MEASURED_UNITS
         return columns, {name: unit for name, unit in units.items() if name in columns}, facts

@@ -57,7 +57,7 @@ class ScalarCoefficients(Coefficients):
     array([-19.])
     """
 
-    _kind = ScalarModes
+    _modes_type = ScalarModes
 
     @classmethod
     def from_moments(cls, mean: float = 0.0, dipole: ArrayLike = (0, 0, 0), lmax: int = 1) -> ScalarCoefficients:
@@ -282,7 +282,7 @@ class ScalarField(SourcesWithErrors):
         lon, lat = (angle[is_used] for angle in centres(nside))
         return cls(lon, lat, counts[is_used] / expected - 1, 1 / np.sqrt(expected), "", None, frame, tuple(notes))
 
-    def _table(self):
+    def _make_table_columns(self):
         columns = {"source_id": np.arange(1, len(self) + 1) if self.name is None else self.name}
         lon, lat, *_ = AXES[self.frame]
         columns |= {

@@ -88,7 +88,7 @@ def _parse_matching(text):
     """Parse how sources are matched: by what, and within which radius. [arcsec]"""
     if text in ("name", "position"):
         return {"by": text}
-    return {"by": "position", "radius": parsing.positive(text)}
+    return {"by": "position", "radius": parsing.parse_positive(text)}
 
 
 #: Estimators of the differences, and the fewest replicates.
@@ -100,10 +100,10 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     options.threshold, methods = 5.0, (options.method or "least-squares").split(",")
     options.method = "least-squares"
     for words in methods:
-        method, value = parsing.method_and_value(words)
+        method, value = parsing.split_method(words)
         if method == "clip":
             try:
-                options.threshold = parsing.positive(value or "5")
+                options.threshold = parsing.parse_positive(value or "5")
             except argparse.ArgumentTypeError as error:
                 parser.error(f"argument --method: {error}")
             continue
@@ -125,7 +125,7 @@ def _run(options):
     reference = _read_naming_file(paths[0], quantity, options, options.where)
     results, fields = {}, {}
     method: Any
-    method, value = parsing.method_and_value(options.method)
+    method, value = parsing.split_method(options.method)
     for path, label in zip(paths[1:], labels[1:], strict=True):
         fields[label] = _read_naming_file(path, quantity, options, options.where2 or options.where)
         if options.crosswalk:
@@ -286,7 +286,7 @@ def _write_page(comparison, differences, options, figures, meta, path):
         source=" − ".join(comparison.labels),
         provenance=meta,
         answer=comparison.answer,
-        figures=figures.drawn,
+        figures=figures.axes_by_name,
         captions=captions,
         sections=sections,
     )
@@ -304,7 +304,7 @@ def _has_motions(path, options):
 
 
 def _read_naming_file(path, quantity, options, condition):
-    return reading.read_one_of_several(path, lambda: _read_catalogue(path, quantity, options, condition))
+    return reading.read_with_named_notes(path, lambda: _read_catalogue(path, quantity, options, condition))
 
 
 def _read_catalogue(path, quantity, options, condition):

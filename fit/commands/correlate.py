@@ -45,7 +45,7 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--power-per-degree P",
         "with --leakage: power in each degree and kind (T, S) that is not fitted, (µas/yr)²",
-        parsing.not_negative,
+        parsing.parse_not_negative,
         1.0,
     )
     reading.add_workers(parser)

@@ -44,7 +44,7 @@ def make_parser() -> argparse.ArgumentParser:
         "jackknife[=NSIDE] | recommended is Student's t with the systematic floor included in the errors, its maximum "
         "degree reduced if there are too few sources; clip protects from outliers, not from wrong errors; excess-noise "
         "from errors that are too small, not from outliers",
-        parsing.method,
+        parsing.check_method,
         "recommended",
     )
     add(
@@ -67,7 +67,7 @@ def make_parser() -> argparse.ArgumentParser:
         "upper limits on the energy density of gravitational waves from the power of degree 2 | for three choices of "
         "the prior; the length of the observations in years, where it is given, is that from which the frequency band "
         "and the strain are calculated",
-        parsing.positive,
+        parsing.parse_positive,
         nargs="?",
         const=True,
     )
@@ -81,7 +81,7 @@ def make_parser() -> argparse.ArgumentParser:
         "fit the amplitude of systematic errors of a known pattern: a HEALPix map, a solution, a column, or density | "
         "truncated at degree --lmax; galactic:FILE where the header of a map does not state its axes; density is the "
         "number density of the sources",
-        parsing.names,
+        parsing.parse_names,
     )
     reading.add_workers(parser)
     reading.add_reading(parser)
@@ -129,7 +129,7 @@ def _run(options):
     # Each class reads its rows; names tell of sources that stand there twice, and no fit looks at further columns.
     source = tables.cache_columns(source) if options.classes and not reading.is_in_parts(options) else source
     field = run.read(source, path, roles=("name",), value=options.value).to_frame(options.frame)
-    estimate = fit.estimate(field, options.lmax, *parsing.method_and_value(options.method))
+    estimate = fit.estimate(field, options.lmax, *parsing.split_method(options.method))
     solution, sources, plain = estimate.solution, estimate.sources, estimate.plain
     results: dict[str, Any] = {}
     if not solution.covariance_dof > 0 and (options.floor or options.waves):
@@ -174,7 +174,7 @@ def _run(options):
             sources,
             path,
             overwrite=True,
-            figures=figures.drawn,
+            figures=figures.axes_by_name,
             command=options.command,
             captions=captions,
             sections=_make_further_sections(results, True),
@@ -275,7 +275,7 @@ def _compare_subsets(run, source, path, estimate, templates, n_sources):
     lmax, n_inside = estimate.solution.modes.lmax, 0
     if estimate.method == "clip":
         n_inside = sum(vsh.io.parts.as_parts(subset, vsh.field.SourcesWithErrors).sum(len) for subset in subsets)
-        subsets = [fit.estimate(subset, lmax, *parsing.method_and_value(options.method)).sources for subset in subsets]
+        subsets = [fit.estimate(subset, lmax, *parsing.split_method(options.method)).sources for subset in subsets]
     subsets = [subset.to_frame(options.frame) for subset in subsets]
     make = partial(estimate.equations, templates=templates)
     normals = [make(subset, lmax) for subset in subsets]

@@ -36,15 +36,15 @@ def make_parser() -> argparse.ArgumentParser:
         "--unknowns NAMES",
         "unknowns to fit, any of orientation, spin, acceleration, parallax (zero point and scale of the parallaxes) "
         "(default: orientation,spin)",
-        parsing.names,
+        parsing.parse_names,
         ["orientation", "spin"],
     )
     add("--epoch", "epoch of the orientation", float, 2016.0)
-    add("--steps G,…", "magnitudes at which the frame may jump", parsing.numbers, ())
+    add("--steps G,…", "magnitudes at which the frame may jump", parsing.parse_numbers, ())
     add(
         "--seek-step G,…",
         "search for the magnitude of a jump, among these (default: 12 within the magnitudes of the sources)",
-        parsing.numbers,
+        parsing.parse_numbers,
         nargs="?",
         const=(),
     )
@@ -55,12 +55,12 @@ def make_parser() -> argparse.ArgumentParser:
         "vector, magnitude; the folder has the spin of quasars",
     )
     add("--no-robust", "assume normal errors instead of heavy tails and outliers")
-    add("--scale X", "multiply all errors by X instead of estimating the factor", parsing.positive)
-    add("--quasars NAME,…", "tables that contain quasars only", parsing.names, ())
+    add("--scale X", "multiply all errors by X instead of estimating the factor", parsing.parse_positive)
+    add("--quasars NAME,…", "tables that contain quasars only", parsing.parse_names, ())
     add(
         "--fixed NAME=EPOCH",
         "catalogues whose calibrators have fixed positions, with the epoch of these",
-        parsing.pairs,
+        parsing.parse_pairs,
     )
     add("--candidates FILE", "planned astrometry, to be ranked by the information that it would add")
     reading.add_output(parser)

@@ -38,7 +38,7 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--nside",
         "HEALPix nside of the blocks of the sky from whose scatter the errors are estimated",
-        parsing.nside,
+        parsing.parse_nside,
         2,
     )
     reading.add_workers(parser)
@@ -47,7 +47,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _parse_angle(text):
-    number = parsing.positive(text)
+    number = parsing.parse_positive(text)
     if number > 180:
         raise argparse.ArgumentTypeError(f"an angle up to 180 degrees is expected, not {text!r}")
     return number

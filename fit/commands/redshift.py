@@ -48,7 +48,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--velocity planck|SPEED,L,B",
         "fit H0 for this velocity | planck, or the speed in km/s and the Galactic longitude and latitude of the apex "
         "in degrees",
-        parsing.velocity,
+        parsing.parse_velocity,
     )
     add("--bins N|Z,Z,…", "fit spin and acceleration in bins of redshift | their number, or their edges", _parse_edges)
     add("--lmax", "highest degree in the bins", parsing.count(1), 1)
@@ -66,7 +66,7 @@ def make_parser() -> argparse.ArgumentParser:
         "estimator of the bins: recommended (default), least-squares, clip=KAPPA, student or excess-noise | near "
         "galaxies are fitted by least squares alone; clip excludes from everything else, too, sources whose residuals "
         "from a fit of degree 1 exceed KAPPA times the median residual",
-        parsing.method,
+        parsing.check_method,
     )
     add(
         "--dispersion SIGMA|free|0:MAX",
@@ -113,9 +113,9 @@ def _parse_dispersion(text):
     if text == "free":
         return text
     low, colon, high = text.partition(":")
-    if colon and parsing.not_negative(low) != 0:
+    if colon and parsing.parse_not_negative(low) != 0:
         raise argparse.ArgumentTypeError(f"a range of dispersions begins at 0, as 0:400, not {text!r}")
-    return (0.0, parsing.positive(high)) if colon else parsing.not_negative(text)
+    return (0.0, parsing.parse_positive(high)) if colon else parsing.parse_not_negative(text)
 
 
 def _parse_flows(text):
@@ -133,17 +133,17 @@ def _parse_hubble(text):
         low, colon, high = words.partition(":")
         value, _, error = words.partition("±")
         if colon:
-            prior["limits"] = parsing.positive(low), parsing.positive(high)
+            prior["limits"] = parsing.parse_positive(low), parsing.parse_positive(high)
             if not prior["limits"][0] < prior["limits"][1]:
                 raise argparse.ArgumentTypeError(f"two rising numbers above zero are expected, not {text!r}")
             continue
-        prior |= {"value": parsing.positive(value)} if value else {}
-        prior |= {"error": parsing.positive(error)} if error or not value else {}
+        prior |= {"value": parsing.parse_positive(value)} if value else {}
+        prior |= {"error": parsing.parse_positive(error)} if error or not value else {}
     return prior
 
 
 def _parse_edges(text):
-    edges = parsing.numbers(text)
+    edges = parsing.parse_numbers(text)
     if len(edges) == 1:
         parsing.count(1)(text)
     elif not all(a < b for a, b in pairwise(edges)):
@@ -169,7 +169,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     options.h0, options.h0_error, options.h0_range = (prior.get(name) for name in ("value", "error", "limits"))
     if options.floor == "yes" and options.lmax == 2:
         parser.error("--floor needs --lmax 3 or more: degrees 1 and 2 contain no information on systematic errors")
-    method = parsing.method_and_value(options.method)[0] if options.method else ""
+    method = parsing.split_method(options.method)[0] if options.method else ""
     for name, is_given in (("floor", options.floor), ("method", method not in ("", "clip"))):
         if is_given and not options.bins:
             parser.error(f"--{name} is for --bins")
@@ -200,9 +200,9 @@ def _run(options):
     truth = vsh.io.catalogue.truth_of(source)
     sky = run.read(source, options.catalogue).to_frame(options.frame)
     facts, counts = _make_redshift_facts(sky, source, options)
-    velocity = reading.velocity_of(options.velocity) or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
+    velocity = reading.make_observer_velocity(options.velocity) or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
     model, failure = _choose_model_options(options), None
-    method, value = parsing.method_and_value(options.method) if options.method else (None, None)
+    method, value = parsing.split_method(options.method) if options.method else (None, None)
     parts = _fit_bin_parts(sky, options, model, velocity, method, value) if options.bins else []
     sky = fit.robust.clip(sky, vsh.Modes(1), float(value or 3.0)).sources(sky) if method == "clip" else sky
     if options.h0 or options.velocity or options.posterior:
@@ -224,7 +224,7 @@ def _run(options):
     results = {part.name: part.result for part in parts}
 
     def sections(long):
-        report = [section for part in parts for section in part.shown(long)]
+        report = [section for part in parts for section in part.select_sections(long)]
         if failure is not None:
             report.append(Section("Posterior", [("not finished", str(failure))]))
         return [replace(report[0], facts=[*facts, *report[0].facts]), *report[1:]] if report else [Section("", facts)]

@@ -24,7 +24,7 @@ from fit.results.quality import MANY, ErrorSource
 from fit.results.solution import Solution
 from vsh.basis import harmonics
 from vsh.coefficients import Coefficients
-from vsh.conventions import icrf3_terms
+from vsh.conventions import to_icrf3_terms
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.sections import Section
@@ -241,7 +241,7 @@ class FrameNetwork(FrameResult):
         """List ICRF3's terms of one catalogue less another, in degree 1 with systematic errors if sought."""
         solutions = [self.difference(catalogue, other)]
         solutions += [] if self.shared is None else [self.frames(catalogue, other)]
-        terms, *degree_one_terms = (icrf3_terms(solution.coefficients, solution.sigma) for solution in solutions)
+        terms, *degree_one_terms = (to_icrf3_terms(solution.coefficients, solution.sigma) for solution in solutions)
         return terms | (degree_one_terms[0] if degree_one_terms else {})
 
     def to_table(self) -> Table:

@@ -17,7 +17,7 @@ from fit.normal import fit_field, normal_equations
 from fit.results.quality import FEW, MANY, SEEN, ErrorSource, f_p_value
 from fit.results.solution import AboutSolution, Solution
 from fit.robust import clip, student_t
-from vsh.conventions import ICRF3, icrf3_terms
+from vsh.conventions import ICRF3, to_icrf3_terms
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.catalogue import counterparts, match
@@ -180,7 +180,7 @@ class FrameComparison(FrameResult, AboutSolution):
     @property
     def parameters(self) -> dict[str, tuple[float, float]]:
         """Coefficients with errors, by names and signs of the ICRF3 papers to degree 2 and by those of modes beyond."""
-        return icrf3_terms(self.solution.coefficients, self.solution.sigma)
+        return to_icrf3_terms(self.solution.coefficients, self.solution.sigma)
 
     @property
     def parameters_alone(self) -> dict[str, tuple[float, float]]:
@@ -328,7 +328,7 @@ class FrameComparison(FrameResult, AboutSolution):
 
     def _sections(self, long):
         solution, (a, b), best, parameters = self.solution, self.labels, self.best, self.parameters
-        terms = icrf3_terms(best.coefficients, best.sigma)
+        terms = to_icrf3_terms(best.coefficients, best.sigma)
         term_names = [name for name in terms if long or name[0] in "RD"]
         values, errors = np.transpose([terms[name] for name in term_names])
         columns = {"ICRF3 term": term_names, "value": values, "sigma": errors, "value / error": values / errors}
@@ -408,7 +408,7 @@ class FrameComparison(FrameResult, AboutSolution):
         values, errors = np.transpose(list(self.parameters.values()))
         columns: dict[str, Any] = {"ICRF3": list(self.parameters)}
         best = self.best
-        columns["value"], columns["sigma"] = np.transpose(list(icrf3_terms(best.coefficients, best.sigma).values()))
+        columns["value"], columns["sigma"] = np.transpose(list(to_icrf3_terms(best.coefficients, best.sigma).values()))
         columns |= {"value_formal": values, "sigma_formal": errors}
         columns["in_errors"] = columns["value"] / columns["sigma"]
         units = {name: self.solution.unit for name in columns if name.startswith(("value", "sigma"))}

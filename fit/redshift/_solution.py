@@ -22,7 +22,7 @@ from fit.results.storage import Result
 from fit.secular_parallax import LEFT_DISPERSION, make_flow_modes_within
 from vsh.basis import harmonics
 from vsh.classes import Classes
-from vsh.coefficients import FIRST_DEGREE, vector_of
+from vsh.coefficients import FIRST_DEGREE, solve_degree_one
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, as_parts
@@ -577,4 +577,4 @@ class BinnedSolution(Result):
 def _make_vector(modes, kind, values, covariance, free_modes, frame):
     """A vector from those of the values that belong to degree 1 of a kind."""
     indices = np.searchsorted(free_modes, np.arange(len(modes))[modes.slice_of(kind, 1)])
-    return vector_of(FIRST_DEGREE, values[indices], covariance[np.ix_(indices, indices)], frame, "µas/yr")
+    return solve_degree_one(FIRST_DEGREE, values[indices], covariance[np.ix_(indices, indices)], frame, "µas/yr")

@@ -24,7 +24,7 @@ from fit.results.storage import (
     make_coefficient_columns,
     to_hex,
 )
-from vsh.coefficients import FIRST_DEGREE, Coefficients, vector_of
+from vsh.coefficients import FIRST_DEGREE, Coefficients, solve_degree_one
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.sections import Answer, Section
@@ -382,7 +382,7 @@ class Solution(LinearSolution):
         return float(values @ np.linalg.solve(covariance, values))
 
     def _make_first_degree_vector(self, kind, design):
-        vector = vector_of(design, *self.of_degree(kind, 1), self.frame, self.unit)
+        vector = solve_degree_one(design, *self.of_degree(kind, 1), self.frame, self.unit)
         return replace(vector, dof=self.covariance_dof)
 
     def _compute_weighted_covariance(self, kind, l):

@@ -247,7 +247,7 @@ class Result(Frozen):
         from vsh.figures import page
 
         answer: Any = getattr(self, "answer", Answer())
-        panels = [page.facts(answer.lines), *map(page.section, self.sections())]
+        panels = [page.facts_panel(answer.lines), *map(page.section_panel, self.sections())]
         return "\n".join(panel.html for panel in panels)
 
     def _collect_header_facts(self):

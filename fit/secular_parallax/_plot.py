@@ -10,7 +10,7 @@ from vsh.figures.plot import (
     WIDTH,
     apply_style,
     arrow_grid,
-    draw_key,
+    draw_arrow_key,
     draw_map,
     draw_vectors,
     even_grid,
@@ -42,7 +42,7 @@ def plot_flow(flow: Any, *, ax: OnAxes | None = None) -> AxesArray:
         arrow_positions = arrow_grid(axes, 18.0)
         tangential, _ = flow.at(*arrow_positions, np.full(arrow_positions[0].size, radius))
         draw_vectors(axes, *arrow_positions, tangential, scale=reach, longest=_LONGEST, color="0.1")
-        draw_key(axes, reach, "km/s across", _LONGEST)
+        draw_arrow_key(axes, reach, "km/s across", _LONGEST)
         known_share = _compute_known_variance_share(flow, radius)
         axes.set_title(f"{radius:.0f} Mpc/h: {known_share:.0%} of the variance known")
     bar = axes.figure.colorbar(image, ax=list(subplots), orientation="horizontal", shrink=0.7, pad=0.02, aspect=30)

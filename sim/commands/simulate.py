@@ -61,7 +61,7 @@ def make_parser() -> argparse.ArgumentParser:
         "parameters, to which about a third more with six parameters are added",
         parsing.count(1),
     )
-    parsing.adder(parsing.shared_group(parser))(
+    parsing.adder(parsing.get_shared_group(parser))(
         "--output FILE", "table to write: FITS, ECSV, CSV, VOTable or Parquet", required=True
     )
     parsing.add_overwrite(parser)
@@ -76,20 +76,20 @@ def make_parser() -> argparse.ArgumentParser:
         f"distribution of the sources: {', '.join(parsing.SKIES)} or a map | uniform unless given; a "
         "HEALPix map (FITS), galactic:FILE where its header does not state its axes",
     )
-    add_option("--spin X,Y,Z", "true spin, ICRS, µas/yr (default: none)", parsing.vector, (0.0, 0.0, 0.0))
+    add_option("--spin X,Y,Z", "true spin, ICRS, µas/yr (default: none)", parsing.parse_vector, (0.0, 0.0, 0.0))
     add_option(
         "--acceleration X,Y,Z",
         "true acceleration, ICRS, µas/yr (default: 4.3 towards the Galactic centre)",
-        parsing.vector,
-        parsing.vector(ACCELERATION),
+        parsing.parse_vector,
+        parsing.parse_vector(ACCELERATION),
     )
-    add_option("--orientation X,Y,Z", "vlbi, link: true orientation, ICRS, µas", parsing.vector, (0.0, 0.0, 0.0))
+    add_option("--orientation X,Y,Z", "vlbi, link: true orientation, ICRS, µas", parsing.parse_vector, (0.0, 0.0, 0.0))
     add_option(
         "--velocity planck|SPEED,L,B",
         "galaxies: true velocity of the Solar System | km/s toward Galactic degrees; 0 unless given, so that no "
         "secular parallax is simulated; with --flow linear that of the flow where we are, and the Sun's in the Local "
         "Group",
-        parsing.velocity,
+        parsing.parse_velocity,
     )
     add_option(
         "--flow linear|SIGMA",
@@ -118,7 +118,7 @@ def make_parser() -> argparse.ArgumentParser:
     add_option(
         "--wave F,PLUS,CROSS,L,B",
         "epochs: a gravitational wave of frequency F per year | strains in µas, toward ICRS degrees L, B",
-        parsing.numbers,
+        parsing.parse_numbers,
     )
     add_option("--seed", "seed", int, 1)
     return parsing.add_common(parser, "list of what was written")
@@ -141,7 +141,7 @@ def _check_flow_words(words):
     """Return the words on flows, "linear" and a dispersion between commas, if they can be read."""
     for word in words.split(","):
         if word != "linear":
-            parsing.not_negative(word)
+            parsing.parse_not_negative(word)
     return words
 
 
@@ -182,7 +182,7 @@ def _write_catalogue(options):
         _read_population(options, sky_rng) if options.positions else (_draw_population(options, sky_rng, vlbi_rng), [])
     )
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
-    given_velocity = reading.velocity_of(options.velocity)
+    given_velocity = reading.make_observer_velocity(options.velocity)
     velocity, group_velocity = np.zeros(3) if given_velocity is None else given_velocity.to_frame("icrs").value, None
     if options.kind == "galaxies":
         if options.dispersion or options.flow:
@@ -298,7 +298,7 @@ def _draw_population(options, rng, vlbi_rng):
     if sky not in parsing.SKIES:
         from vsh.sky.pixels import count_missing_pixels
 
-        sky, frame = reading.read_named_map(sky)
+        sky, frame = reading.read_map_and_frame(sky)
         n_empty = count_missing_pixels(sky)
         if n_empty:
             finishing.print_line(
@@ -353,7 +353,7 @@ def _select_recorded_options(options):
     excluded_names = [*running.NOT_TOLD, *(_list_foreign(options.kind) if options.kind in ("crf3", "crf4") else ())]
     settings = {key: value for key, value in vars(options).items() if key not in excluded_names}
     if options.velocity is not None:
-        velocity = reading.velocity_of(options.velocity)
+        velocity = reading.make_observer_velocity(options.velocity)
         assert velocity is not None
         settings["velocity"] = [velocity.amplitude, *velocity.to_frame("galactic").direction]
     return settings

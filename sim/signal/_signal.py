@@ -75,7 +75,7 @@ class Signal(InNotebook):
         motion = self(lon, lat, None if redshift is None else np.full(len(lon), float(redshift)))
         plot.draw_vectors(axes, lon, lat, motion)
         if motion.any():
-            plot.draw_key(axes, float(np.hypot(*motion).max()), "µas/yr")
+            plot.draw_arrow_key(axes, float(np.hypot(*motion).max()), "µas/yr")
         return axes
 
     def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike | None = None) -> FloatArray:

@@ -47,7 +47,7 @@ def _split_survey_names(text):
 def _parse_survey_option(text):
     name, _, numbers_text = text.partition("=")
     try:
-        n_quasars, sigma = parsing.numbers(numbers_text)
+        n_quasars, sigma = parsing.parse_numbers(numbers_text)
     except (ValueError, argparse.ArgumentTypeError):
         n_quasars, sigma = 0.5, 0.0
     if not name.strip() or n_quasars < 1 or n_quasars != int(n_quasars) or not sigma > 0:

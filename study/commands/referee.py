@@ -51,7 +51,7 @@ def _run(options):
         from vsh.io.catalogue import read_field
 
         read_earlier = partial(read_field, options.earlier, roles=("name",), on_bad=options.on_bad)
-        earlier = reading.read_one_of_several(options.earlier, read_earlier)
+        earlier = reading.read_with_named_notes(options.earlier, read_earlier)
     report = referee(quasars, options.seed, earlier=earlier)
     counts = {"rows_used": len(quasars.whole), "rows_refused": count_dropped(quasars.field.notes)}
 
@@ -77,7 +77,7 @@ def _run(options):
         from study.referee.page import make_html_page
         from vsh.figures.page import write_page
 
-        page_html = make_html_page(report, figures.drawn, provenance=meta, command=options.command)
+        page_html = make_html_page(report, figures.axes_by_name, provenance=meta, command=options.command)
         write_page(path, page_html, overwrite=True)
 
     run.finish(

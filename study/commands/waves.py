@@ -59,7 +59,7 @@ def make_parser() -> argparse.ArgumentParser:
     add("--law FILE", "scanning law, the commanded_scan_law of Gaia (default: a nominal one)")
     add("--positions FILE", "table of source_id, ra and dec, for epochs without ra0 and dec0")
     add("--lmax", "highest degree of the search", parsing.count(2, 20), 5)
-    add("--nside", "NSIDE of the map of directions", parsing.nside, 8)
+    add("--nside", "NSIDE of the map of directions", parsing.parse_nside, 8)
     add("--skies N", "number of simulated skies of noise, for p-values", parsing.count(1), 1000)
     add("--seed", "seed of the simulated skies", int, 1)
     reading.add_output(parser)
@@ -68,7 +68,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 def _parse_frequencies(text):
     if ":" not in text:
-        frequencies = parsing.numbers(text)
+        frequencies = parsing.parse_numbers(text)
         if not all(frequency > 0 for frequency in frequencies):
             raise argparse.ArgumentTypeError(f"frequencies above zero are expected, not {text!r}")
         return frequencies

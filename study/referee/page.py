@@ -92,14 +92,14 @@ def make_html_page(
     if sky_panel.html:
         remaining_figures.pop("sky", None)
     page_panels = [
-        page.facts(referee.answer.lines, "answer"),
-        page.heading("At a glance", page.figure_panels(overview, _CAPTIONS)),
-        page.heading("The sky", sky_panel),
+        page.facts_panel(referee.answer.lines, "answer"),
+        page.join_panels("At a glance", page.figure_row(overview, _CAPTIONS)),
+        page.join_panels("The sky", sky_panel),
         *(_make_analysis_panel(section, remaining_figures) for section in referee.sections),
-        page.heading("Is it the instrument?", page.paragraph(_CHECKS_TEXT, "faint"), _make_checks_table(referee)),
-        page.heading("Figures", page.figure_panels(remaining_figures, {})),
-        page.notes(quasars.field.notes),
-        page.provenance(dict(provenance), command),
+        page.join_panels("Is it the instrument?", page.paragraph(_CHECKS_TEXT, "faint"), _make_checks_table(referee)),
+        page.join_panels("Figures", page.figure_row(remaining_figures, {})),
+        page.notes_panel(quasars.field.notes),
+        page.provenance_panel(dict(provenance), command),
     ]
     catalogue_name = Path(quasars.label).name  # a page goes where its folders do not
     lead = f"{catalogue_name} — {len(quasars.whole)} sources, {solution.frame.replace('icrs', 'ICRS')} axes"
@@ -128,15 +128,15 @@ def _make_analysis_panel(section: Analysis, figures: dict[str, Any]) -> page.Pan
     """Numbers of one analysis: published, with the published method, with systematic errors; and its figures."""
     about_panel = page.paragraph(f"{section.paper.reference}; {section.paper.data}", "faint")
     if section.lacking:
-        return page.heading(section.title, about_panel, page.paragraph(f"Not done: {section.lacking}."))
+        return page.join_panels(section.title, about_panel, page.paragraph(f"Not done: {section.lacking}."))
     rows = [[row.quantity, *map(str, (row.published, row.theirs, row.shared))] for row in section.rows]
     column_heads = ["", "published", "ours, published method", "ours, systematic errors included"]
     figure_names = [f"{section.paper.key}_{name}" for name in section.results]
     section_figures = {name: figures.pop(name) for name in figure_names if name in figures}
     captions = {name: _SECTION_CAPTIONS.get(name.partition("_")[2], section.title) for name in section_figures}
-    return page.heading(
+    return page.join_panels(
         section.title, about_panel, page.paragraph(f"Verdict: {section.verdict}."), page.table(column_heads, rows),
-        page.figure_panels(section_figures, captions) if section_figures else page.Panel(""),
+        page.figure_row(section_figures, captions) if section_figures else page.Panel(""),
     )  # fmt: skip
 
 

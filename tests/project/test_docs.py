@@ -27,7 +27,7 @@ NAMED_BELOW = {"fit.frames", "fit.motions", "fit.normal", "fit.results", "vsh.sk
 
 
 def words_of(command):
-    return commands.module_of(command.removeprefix("vsh-"))
+    return commands.import_command_module(command.removeprefix("vsh-"))
 
 
 def name(path):

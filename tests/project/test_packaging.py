@@ -14,7 +14,7 @@ from conftest import ROOT, for_each, run_python
 from wheel import JOBS
 
 import vsh
-from vsh.__main__ import module_of
+from vsh.__main__ import import_command_module
 from vsh.commands import parsing
 
 YAML = [
@@ -53,7 +53,7 @@ def test_yaml_is_valid(path):
 @for_each(JOBS)
 def test_jobs_of_the_wheel_are_understood(job):
     program, *words = shlex.split(job)
-    assert parsing.parse(module_of(program.removeprefix("vsh-")), words) is not None
+    assert parsing.parse_options(import_command_module(program.removeprefix("vsh-")), words) is not None
 
 
 def test_citation_zenodo_and_paper_agree():

@@ -18,7 +18,7 @@ from conftest import DATA, POSIX, ROOT, real_catalogue, run_python
 from tap_server import serving
 
 from vsh import Field
-from vsh.__main__ import module_of
+from vsh.__main__ import import_command_module
 from vsh.commands import COMMANDS
 
 PAGES = [ROOT / "docs" / name for name in ("large_catalogues.md", "archive.md", "further.md")]
@@ -305,7 +305,7 @@ def test_python_of_a_page_runs(page, home):
 
 
 #: What the help of a command shows is run by tests/vsh/commands/test_help.py.
-SHOWN = {line.strip() for name in COMMANDS for line in module_of(name).make_parser().epilog.splitlines()}
+SHOWN = {line.strip() for name in COMMANDS for line in import_command_module(name).make_parser().epilog.splitlines()}
 
 
 @pytest.mark.slow

@@ -28,7 +28,7 @@ def share(tmp_path_factory):
 
 @pytest.mark.parametrize("command", commands.COMMANDS)
 def test_every_command_has_completion_and_a_manual_page(share, command):
-    actions = commands.module_of(command).make_parser()._actions
+    actions = commands.import_command_module(command).make_parser()._actions
     options = {word for action in actions if action.help != argparse.SUPPRESS for word in action.option_strings}
     bash = share / "bash-completion" / "completions" / f"vsh-{command}"
     zsh = (share / "zsh" / "site-functions" / f"_vsh-{command}").read_text(encoding="utf-8")

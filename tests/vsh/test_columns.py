@@ -53,7 +53,7 @@ def test_fields_are_read_where_one_is_wanted(tmp_path):
 def test_field_is_fitted_without_its_table(monkeypatch):
     """A look for columns built the table of every field that was fitted."""
     field = random_field(60, 1)
-    monkeypatch.setattr(type(field), "_table", lambda self: pytest.fail("the table was built"))
+    monkeypatch.setattr(type(field), "_make_table_columns", lambda self: pytest.fail("the table was built"))
     assert fit.fit_field(field, 1).n_sources == 60
 
 

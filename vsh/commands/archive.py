@@ -82,7 +82,7 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--with NAMES",
         "for a table: columns of it that come with the astrometry, redshift_qsoc say",
-        parsing.names,
+        parsing.parse_names,
         dest="with_columns",
     )
     add(
@@ -98,7 +98,7 @@ def make_parser() -> argparse.ArgumentParser:
     return parsing.add_common(parser, "list of what was written")
 
 
-def _find_request_kind(options):
+def _classify_request(options):
     """The kind of a request, a key of _OPTIONS_BY_REQUEST."""
     if options.check:
         return "--check"
@@ -108,19 +108,19 @@ def _find_request_kind(options):
         return "a list that is sent"
     if options.what in archive.QUERIES:
         return "a query of ours"
-    is_name = re.fullmatch(r"\w+\.(?!(adql|sql|txt)$)\w+", options.what) and not Path(options.what).exists()
-    return "a table of the archive" if is_name else "a query in a file"
+    is_table_name = re.fullmatch(r"\w+\.(?!(adql|sql|txt)$)\w+", options.what) and not Path(options.what).exists()
+    return "a table of the archive" if is_table_name else "a query in a file"
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself."""
     if bool(options.what or options.upload) == bool(options.check):
         parser.error("say what to fetch, or --check SCHEMA")
-    kind = _find_request_kind(options)
+    kind = _classify_request(options)
     if kind == "a table of the archive" and options.upload:
         parser.error("--upload goes with a query in a file, or alone: a table of the archive is its own list")
     foreign = set().union(*_OPTIONS_BY_REQUEST.values()) - _OPTIONS_BY_REQUEST[kind]
-    ignored = [f"--{parsing.name_of(a)}" for a in parser._actions if a.dest in foreign and getattr(options, a.dest)]
+    ignored = [f"--{parsing.option_name(a)}" for a in parser._actions if a.dest in foreign and getattr(options, a.dest)]
     if ignored:
         request = f"{options.what}, {kind}" if kind.startswith("a query") else kind
         hint = ": its release is its own" if ignored[0] == "--release" else ""
@@ -135,13 +135,13 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("say where to: --output FILE.fits, or --show")
 
 
-def _make_query(options, by_name):
+def _make_query(options, has_source_ids):
     """The query that is asked for; `by_name` says whether a list that is sent names its sources."""
-    kind = _find_request_kind(options)
+    kind = _classify_request(options)
     if kind == "a query of ours":
         return archive.QUERIES[options.what]
     if kind == _NEIGHBOURS:
-        if not by_name:
+        if not has_source_ids:
             raise ArchiveError(f"{_NEIGHBOURS} needs the source_id of DR3: {printable(options.upload)} has positions")
         return archive.NEIGHBOURS
     release = None if options.release is None else archive.RELEASES[options.release]
@@ -151,7 +151,7 @@ def _make_query(options, by_name):
             options.what, options.with_columns or (), release=release, astrometry=astrometry, where=options.where
         )
     if kind == "a list that is sent":
-        if by_name:
+        if has_source_ids:
             return archive.of_table(archive.UPLOADED, release=release, astrometry=astrometry)
         return archive.query_near_positions(release=release or archive.DR3, astrometry=astrometry)
     try:
@@ -174,20 +174,20 @@ def _run(options):
     if options.what == "epochs":
         _fetch_epochs(options)
         return
-    upload, by_name = archive.make_upload(options.upload) if options.upload else (None, True)
-    adql = _make_query(options, by_name)
+    upload, has_source_ids = archive.make_upload(options.upload) if options.upload else (None, True)
+    adql = _make_query(options, has_source_ids)
     if options.show:
-        finishing.print_result(options, finishing.message_result(adql))
+        finishing.print_result(options, finishing.make_message_result(adql))
         return
     is_reused = Path(options.output).exists() and not options.overwrite
     check_not_read(options.output, f"--output {printable(options.output)}")
-    finishing.check_configuration(options.output)
+    finishing.check_configuration_replaceable(options.output)
     path = archive.query(
         adql, options.output, options.url, max_rows=options.max_rows, overwrite=options.overwrite, upload=upload
     )
     reuse_message = f"{path} was there already, as it was fetched: nothing was asked"
     finishing.write_configuration(options)
-    finishing.print_result(options, finishing.message_result(reuse_message if is_reused else f"written to {path}"))
+    finishing.print_result(options, finishing.make_message_result(reuse_message if is_reused else f"written to {path}"))
 
 
 def _fetch_epochs(options):
@@ -203,7 +203,7 @@ def _fetch_epochs(options):
     if missing:
         listing = ", ".join(map(str, missing[:5])) + (", …" if len(missing) > 5 else "")
         lines.append(f"{len(missing)} of {len(set(ids))} sources have no epochs: {listing} (all in {folder.name}.json)")
-    finishing.print_result(options, finishing.message_result("\n".join(lines)))
+    finishing.print_result(options, finishing.make_message_result("\n".join(lines)))
 
 
 main, run = running.make_entry(__name__, _run)

@@ -38,7 +38,7 @@ _FILE_ENDINGS = (".json", ".csv", ".ecsv", ".fits", ".vot", ".tex", ".txt", ".ht
 MARK = "provenance.json"
 
 
-def _check_local(path, option):
+def _refuse_address(path, option):
     """Raise VshError where a result would go to an address, of which a folder named s3: would be made."""
     if is_address(str(path)):
         raise VshError(f"{option} {printable(path)} is an address: results are written to this machine alone")
@@ -46,7 +46,7 @@ def _check_local(path, option):
 
 def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
     """Raise VshError now if results could not be written to a folder later."""
-    _check_local(path, "--output")
+    _refuse_address(path, "--output")
     path, label = Path(path), f"--output {printable(path)}"
     if path.exists() and not path.is_dir():
         raise VshError(f"{label} is a file, not a folder")
@@ -59,7 +59,7 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
     check_not_read(path, label)
     if not path.exists() or not any(path.iterdir()):
         return
-    mark = _read_mark(path)
+    mark = _read_folder_mark(path)
     if mark is None or not isinstance(mark.get("files"), dict):
         raise VshError(f"{label} holds files that {command} did not write: name a new folder")
     if mark.get("command") != command:
@@ -73,18 +73,18 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
             f"{label} holds files that {command} did not write ({printable(', '.join(foreign[:5]))}): move them, or "
             "name another folder"
         )
-    mismatches = sorted(x for x, sha in files.items() if (path / x).exists() and digest(path / x) != sha)
-    if mismatches:
+    changed_names = sorted(x for x, sha in files.items() if (path / x).exists() and digest(path / x) != sha)
+    if changed_names:
         raise VshError(
             f"{label} holds files that were changed since {command} wrote them "
-            f"({printable(', '.join(mismatches[:5]))}): "
+            f"({printable(', '.join(changed_names[:5]))}): "
             "move them, or name another folder"
         )
 
 
 def check_file(path: PathName, overwrite: bool = False, option: str = "--output") -> None:
     """Raise VshError now if a file could not be written later, or is there already and may not be replaced."""
-    _check_local(path, option)
+    _refuse_address(path, option)
     path, label = Path(path), f"{option} {printable(path)}"
     if path.is_dir():
         raise VshError(f"{label} is a folder, not a file")
@@ -106,7 +106,7 @@ def write_configuration(options: argparse.Namespace, written: Mapping[str, str] 
         temporary_path.write_text(_format_configuration(options, name=path.name, written=written), encoding="utf-8")
 
 
-def check_configuration(output: PathName) -> None:
+def check_configuration_replaceable(output: PathName) -> None:
     """Raise VshError where the file of a run's configuration, which nobody named, is somebody's."""
     path = _make_configuration_path(output)
     if path.exists() and not path.read_bytes().startswith(parsing.REPEATS.encode()):
@@ -114,22 +114,22 @@ def check_configuration(output: PathName) -> None:
 
 
 @contextmanager
-def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> Iterator[Path]:
+def make_results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> Iterator[Path]:
     """A folder for results, `run.toml`, citations and provenance; it becomes --output when all is written."""
     Path(os.path.realpath(options.output)).parent.mkdir(parents=True, exist_ok=True)
     with atomic_folder(options.output) as folder:
         yield folder
-        for note in _copy_tables(folder, parsing.table_formats(getattr(options, "format", ""))):
+        for note in _write_tables_in_formats(folder, parsing.parse_table_formats(getattr(options, "format", ""))):
             print_line(options, note)
         (folder / parsing.CONFIGURATION_NAME).write_text(_format_configuration(options, provenance), encoding="utf-8")
         (folder / "citation.bib").write_text(parsing.bibtex(options.program, options.given) + "\n", encoding="utf-8")
-        files = {file.name: digest(file) for file in sorted(folder.iterdir())}
-        mark = {"command": options.program, "files": files} | provenance
+        file_hashes = {file.name: digest(file) for file in sorted(folder.iterdir())}
+        mark = {"command": options.program, "files": file_hashes} | provenance
         (folder / MARK).write_text(json.dumps(mark, indent=1, default=str, ensure_ascii=False) + "\n", encoding="utf-8")
         check_folder(options.output, options.program, options.overwrite)  # somebody else may have written meanwhile
 
 
-def _copy_tables(folder, endings):
+def _write_tables_in_formats(folder, endings):
     """Write the tables of a folder in other formats as well; notes on those that a format cannot hold."""
     notes = []
     for path in sorted(folder.glob("*.ecsv")) if endings else ():
@@ -162,7 +162,7 @@ def _format_configuration(options, provenance=None, name=parsing.CONFIGURATION_N
     pairs = list(zip(files, hashes, strict=True)) if isinstance(files, list) else [(files, hashes)]
     names = [file for file, _ in pairs]
     known = {file: sha for file, sha in pairs if names.count(file) == 1}  # of two files of one name none is known by it
-    return parsing.Configuration(options.program, options.given, vsh.__version__, known, written or {}).text(name)
+    return parsing.Configuration(options.program, options.given, vsh.__version__, known, written or {}).as_toml(name)
 
 
 def _check_parent_writable(path, label, will_make_parents=False):
@@ -177,9 +177,9 @@ def _check_parent_writable(path, label, will_make_parents=False):
         raise VshError(f"{label}: the folder {printable(parent)} cannot be written to") from None
 
 
-def _read_mark(path):
+def _read_folder_mark(folder):
     try:
-        mark = json.loads((path / MARK).read_text(encoding="utf-8"))
+        mark = json.loads((folder / MARK).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return None
     return mark if isinstance(mark, dict) else None
@@ -192,7 +192,7 @@ class Figures:
         self._draw = draw
 
     @cached_property
-    def drawn(self) -> dict[str, Any]:
+    def axes_by_name(self) -> dict[str, Any]:
         """Axes by name of file."""
         import matplotlib
 
@@ -201,11 +201,11 @@ class Figures:
 
     def write(self, folder: Path, options: argparse.Namespace) -> None:
         """Write them, unless there are to be none."""
-        formats, dpi = parsing.figure_formats(options.format)
+        formats, dpi = parsing.parse_figure_formats_and_dpi(options.format)
         if formats:
             from vsh.figures.plot import save_figures
 
-            save_figures(self.drawn, folder, format=formats, dpi=dpi, close=False, overwrite=True)
+            save_figures(self.axes_by_name, folder, format=formats, dpi=dpi, close=False, overwrite=True)
             if not options.html:  # nobody wants them any more
                 self.close()
 
@@ -213,7 +213,7 @@ class Figures:
         """Close them."""
         from vsh.figures.plot import close_figures
 
-        close_figures(self.drawn.values())
+        close_figures(self.axes_by_name.values())
 
 
 @dataclass(frozen=True)
@@ -230,14 +230,14 @@ class RunResult:
     latex: Callable[[], str] | None = None
     answer: Answer = field(default_factory=Answer)
 
-    def body(self, long: bool) -> str:
+    def format_body(self, long: bool) -> str:
         """The text below the lines to quote, whole or short."""
         return printable(text_of(self.sections(long)))
 
     def report(self, long: bool = True) -> str:
         """The lines to quote and the text, whole or short; a short one says where the whole is."""
-        report_text = self.body(long)
-        if not long and report_text != self.body(True):
+        report_text = self.format_body(long)
+        if not long and report_text != self.format_body(True):
             report_text = f"{report_text.rstrip()}\nfull report: --long, or --output DIR\n"
         return f"{self.answer}\n\n{report_text}" if self.answer.lines else report_text
 
@@ -255,7 +255,7 @@ class RunResult:
         return self.make_tables()
 
 
-def message_result(
+def make_message_result(
     text: str, make_tables: Callable[[], Mapping[str, Table]] = dict, notes: Iterable[str] = ()
 ) -> RunResult:
     """The result of a run that has little to say."""
@@ -266,7 +266,7 @@ def print_result(options: argparse.Namespace, result: RunResult) -> None:
     """Print the report, or with --json or --latex what other programs read, or nothing."""
     hide_elapsed_time()
     if options.json:
-        print(as_json(options, result), flush=True)  # who reads may have seen enough
+        print(format_result_as_json(options, result), flush=True)  # who reads may have seen enough
     elif options.latex:
         tables = (latex_table(table, heading) for heading, table in result.tables.items())
         comments = (f"% {one_line_text(note)}" for note in result.all_notes if "warning" in note)
@@ -318,13 +318,13 @@ class Part:
     as_table: bool = False
     files: Callable[[Path, dict[str, Any]], None] | None = None
 
-    def shown(self, long: bool) -> Sequence[Section]:
+    def select_sections(self, long: bool) -> Sequence[Section]:
         """Its sections, whole or short."""
         if self.is_long and not long:
             return ()
         return self.result.sections(long=long) if self.sections is None else self.sections(long)
 
-    def drawn(self) -> dict[str, Any]:
+    def draw_figures(self) -> dict[str, Any]:
         """Its figures by name; none where it draws nothing."""
         axes = self.result.plot() if self.plot is None else self.plot()
         return axes if isinstance(axes, dict) else {self.name: axes}
@@ -386,19 +386,19 @@ class Run:
                 scalars = reading.compute_source_density(source, error_or_selection, keywords)
             else:
                 scalars = catalogue.read_scalars(source, column, error_or_selection or None, **keywords)
-            self._check_unchanged()
+            self._check_files_unchanged()
             return scalars
         if not reading.is_in_parts(self.options):
             field = catalogue.read_field(source, **keywords)
-            self._check_unchanged()
+            self._check_files_unchanged()
             return field
         keywords.pop("roles", None)
-        self._check_unchanged()  # the parts have records of their own from here on
+        self._check_files_unchanged()  # the parts have records of their own from here on
         return catalogue.parts(path, **reading.parts_arguments(self.options) | keywords)
 
-    def _check_unchanged(self):
-        for path, (_, record) in self.opened.items():
-            check_unchanged(path, record, file_stamp(path))
+    def _check_files_unchanged(self):
+        for path, (_, stamp) in self.opened.items():
+            check_unchanged(path, stamp, file_stamp(path))
 
     def finish(
         self,
@@ -438,8 +438,8 @@ class Run:
             Captions of further figures, by name.
         """
         options = self.options
-        make_sections = sections or (lambda long: [section for part in parts for section in part.shown(long)])
-        make_tables = partial(_join_by_name, parts, Part.tables_by_heading)
+        make_sections = sections or (lambda long: [section for part in parts for section in part.select_sections(long)])
+        make_tables = partial(_merge_by_name, parts, Part.tables_by_heading)
         result = RunResult(make_sections, make_tables, notes, latex, answer or Answer())
         try:
             print_result(options, result)
@@ -448,10 +448,10 @@ class Run:
         if not (options.output or options.html):
             return
         meta = running.provenance(paths or [], options, self.opened, **(counts or {}))
-        figure_set = Figures(partial(_join_by_name, parts, Part.drawn))
+        figure_set = Figures(partial(_merge_by_name, parts, Part.draw_figures))
         with (
-            _open_if_named(options.html, lambda path: atomic_write(path, options.overwrite)) as page_path,
-            _open_if_named(options.output, lambda _: results_folder(options, meta)) as folder,
+            _open_output_if_named(options.html, lambda path: atomic_write(path, options.overwrite)) as page_path,
+            _open_output_if_named(options.output, lambda _: make_results_folder(options, meta)) as folder,
         ):
             if folder is not None:
                 (folder / "report.txt").write_text(result.report(), encoding="utf-8")
@@ -465,37 +465,37 @@ class Run:
 
                 all_captions = {part.name: part.caption for part in parts if part.caption} | dict(captions or {})
                 panels = [
-                    pages.facts(result.answer.lines, "answer"),
-                    pages.heading("Figures", pages.figure_panels(figure_set.drawn, all_captions)),
-                    *map(pages.section, make_sections(True)),
-                    pages.provenance(meta, options.command),
+                    pages.facts_panel(result.answer.lines, "answer"),
+                    pages.join_panels("Figures", pages.figure_row(figure_set.axes_by_name, all_captions)),
+                    *map(pages.section_panel, make_sections(True)),
+                    pages.provenance_panel(meta, options.command),
                 ]
                 pages.write_page(page_path, pages.page(title, panels), overwrite=True)
             if page_path is not None:
                 figure_set.close()
         if options.output:
-            names = sorted(entry.name for entry in Path(options.output).iterdir())
-            print_line(options, f"written to {options.output}: {', '.join(names)}")
+            file_names = sorted(entry.name for entry in Path(options.output).iterdir())
+            print_line(options, f"written to {options.output}: {', '.join(file_names)}")
         if options.html:
             print_line(options, f"written to {options.html}")
 
 
-def _open_if_named(path, open_output):
+def _open_output_if_named(path, open_output):
     """The place where results are written, which takes its name at the end; None where nobody named one."""
     return open_output(path) if path else nullcontext()
 
 
-def _join_by_name(parts, get_items):
+def _merge_by_name(parts, get_items):
     """All that parts give by name."""
     return {name: item for part in parts for name, item in get_items(part).items()}
 
 
-def as_json(options: argparse.Namespace, result: RunResult) -> str:
+def format_result_as_json(options: argparse.Namespace, result: RunResult) -> str:
     """A result as one JSON object: command, version, options, notes, and tables by column; nan is null."""
     document = {
         "command": options.program,
         "version": vsh.__version__,
-        "options": {name: _parse_number_text(value) for name, value in options.given.items() if name not in NOT_KEPT},
+        "options": {name: _parse_if_number(value) for name, value in options.given.items() if name not in NOT_KEPT},
         "answer": dict(result.answer.lines) or None,
         "notes": list(result.all_notes),
         "tables": result.tables,
@@ -505,6 +505,6 @@ def as_json(options: argparse.Namespace, result: RunResult) -> str:
     return json.dumps(as_json_value(document), ensure_ascii=encoding.lower() not in ("utf-8", "utf8"), allow_nan=False)
 
 
-def _parse_number_text(value):
+def _parse_if_number(value):
     """A word as a number, where it is one."""
     return json.loads(value) if isinstance(value, str) and NUMBER.fullmatch(value) else value

@@ -20,7 +20,7 @@ from typing import Any, NoReturn
 
 import vsh
 from vsh.commands import COMMANDS
-from vsh.commands.renamed import GONE, renew_options, renew_words
+from vsh.commands.renamed import GONE, renew_options, renew_words_and_settings
 from vsh.tools.formats import BY_NAME, TITLES, hide_address_secrets, hide_secrets, is_address
 from vsh.tools.printing import printable
 
@@ -54,17 +54,17 @@ _CITATIONS_BY_VALUE = {
 }
 
 
-def citation_keys(command: str, given: Mapping[str, Any]) -> list[str]:
+def collect_citation_keys(command: str, given_options: Mapping[str, Any]) -> list[str]:
     """The keys of what a run uses, ours first."""
     keys = [*_CITED_ALWAYS, *COMMANDS[command.removeprefix("vsh-")].cites]
-    has_figures = "none" not in str(given.get("format")) and command not in ("vsh-sim", "vsh-archive")
-    for name, value in given.items():
+    has_figures = "none" not in str(given_options.get("format")) and command not in ("vsh-sim", "vsh-archive")
+    for name, value in given_options.items():
         keys += _CITATIONS_BY_OPTION.get(name, ()) if has_figures or name not in _FIGURE_OPTIONS else ()
         keys += _CITATIONS_BY_VALUE.get(value, ()) if isinstance(value, str) else ()
     return list(dict.fromkeys(keys))
 
 
-def bibtex(command: str, given: Mapping[str, Any]) -> str:
+def bibtex(command: str, given_options: Mapping[str, Any]) -> str:
     """The entries of what a run uses."""
     from importlib.resources import files
 
@@ -72,7 +72,7 @@ def bibtex(command: str, given: Mapping[str, Any]) -> str:
         files("vsh.commands").joinpath("citations.bib").read_text(encoding="utf-8").replace("VERSION", vsh.__version__)
     )
     entries = dict(re.findall(r"^(?=@\w+\{(\w+),)(.*?^\}$)", text, re.MULTILINE | re.DOTALL))
-    return "\n\n".join(entries[key] for key in citation_keys(command, given))
+    return "\n\n".join(entries[key] for key in collect_citation_keys(command, given_options))
 
 
 #: `vsh.sky.frames.FRAMES`
@@ -101,46 +101,46 @@ A_TABLE = f"a table, a folder of them, or - for standard input | formats: {TITLE
 def count(least: int, most: int = 10**12) -> Callable[[str], int]:
     """The type of a whole number of at least `least`."""
 
-    def whole(text):
+    def parse_whole_number(text):
         if not text.isdecimal() or int(text) < least:
             raise argparse.ArgumentTypeError(f"a whole number of at least {least} is expected, not {text!r}")
         if len(text) > 30 or int(text) > most:
             raise argparse.ArgumentTypeError(f"a whole number of at most {most} is expected, not {text[:40]!r}")
         return int(text)
 
-    return whole
+    return parse_whole_number
 
 
-def nside(text: str) -> int:
+def parse_nside(text: str) -> int:
     """The type of a power of two from 1 to 8192."""
     if not text.isdecimal() or int(text) not in (2**k for k in range(14)):
         raise argparse.ArgumentTypeError(f"a power of two from 1 to 8192 is expected, not {text!r}")
     return int(text)
 
 
-def not_negative(text: str) -> float:
+def parse_not_negative(text: str) -> float:
     """The type of a number of zero or more."""
-    return _parse_number(text, lambda x: x >= 0, "a number that is not negative")
+    return _parse_valid_number(text, lambda x: x >= 0, "a number that is not negative")
 
 
-def positive(text: str) -> float:
+def parse_positive(text: str) -> float:
     """The type of a number above zero."""
-    return _parse_number(text, lambda x: x > 0, "a positive number")
+    return _parse_valid_number(text, lambda x: x > 0, "a positive number")
 
 
-def _check_scale(text):
+def _check_excess_noise_value(text):
     if text != "scale":
         raise argparse.ArgumentTypeError(f"excess-noise or excess-noise=scale is expected, not excess-noise={text}")
 
 
 #: `fit.METHODS` with the types of the values of those that take one, `fit.methods.WITH_VALUE`.
 METHODS: dict[str, Callable[[str], Any] | None] = {
-    "recommended": None, "least-squares": None, "clip": positive, "student": None,
-    "excess-noise": _check_scale, "bootstrap": count(2), "jackknife": nside,
+    "recommended": None, "least-squares": None, "clip": parse_positive, "student": None,
+    "excess-noise": _check_excess_noise_value, "bootstrap": count(2), "jackknife": parse_nside,
 }  # fmt: skip
 
 
-def method(text: str) -> str:
+def check_method(text: str) -> str:
     """The type of an estimator, NAME or NAME=VALUE."""
     name, _, value = text.partition("=")
     if name not in METHODS:
@@ -153,17 +153,17 @@ def method(text: str) -> str:
     return text
 
 
-def method_and_value(text: str) -> tuple[str, str | None]:
+def split_method(text: str) -> tuple[str, str | None]:
     """The name of an estimator and its value, or None."""
     name, _, value = text.partition("=")
     return name, value or None
 
 
-def _parse_number(text, is_valid, description):
-    parsed = _parse_finite_numbers(text)
-    if len(parsed) != 1 or not is_valid(parsed[0]):
+def _parse_valid_number(text, is_valid, description):
+    parsed_numbers = _parse_finite_numbers(text)
+    if len(parsed_numbers) != 1 or not is_valid(parsed_numbers[0]):
         raise argparse.ArgumentTypeError(f"{description} is expected, not {text!r}")
-    return parsed[0]
+    return parsed_numbers[0]
 
 
 def _parse_finite_numbers(text):
@@ -175,21 +175,21 @@ def _parse_finite_numbers(text):
     return values if all(map(math.isfinite, values)) else ()
 
 
-def numbers(text: str) -> tuple[float, ...]:
+def parse_numbers(text: str) -> tuple[float, ...]:
     """Numbers separated by commas."""
     if not (values := _parse_finite_numbers(text)):
         raise argparse.ArgumentTypeError(f"numbers separated by commas are expected, not {text!r}")
     return values
 
 
-def vector(text: str) -> tuple[float, ...]:
+def parse_vector(text: str) -> tuple[float, ...]:
     """The type of three numbers separated by commas."""
     if len(components := _parse_finite_numbers(text)) != 3:
         raise argparse.ArgumentTypeError(f"three numbers separated by commas are expected, not {text!r}")
     return components
 
 
-def velocity(text: str) -> str | tuple[float, ...]:
+def parse_velocity(text: str) -> str | tuple[float, ...]:
     """Our velocity as every command takes it: a name, or SPEED,L,B."""
     if text in VELOCITIES:
         return text
@@ -209,35 +209,35 @@ FIGURE_FORMATS, TABLE_FORMATS = ("png", "pdf", "svg"), ("fits", "vot", "csv")
 _DPI = 300.0
 
 
-def formats(text: str) -> str:
+def check_formats(text: str) -> str:
     """Names of formats of figures, with @DPI behind one or not, and of tables, between commas; none: no figures."""
     for entry in text.split(","):
-        name, at, dpi = entry.strip().partition("@")
-        if name not in ("none", "", *FIGURE_FORMATS, *TABLE_FORMATS) or not (name or at):
+        name, at_sign, dpi = entry.strip().partition("@")
+        if name not in ("none", "", *FIGURE_FORMATS, *TABLE_FORMATS) or not (name or at_sign):
             raise argparse.ArgumentTypeError(
                 f"{entry!r} is no format: {', '.join(FIGURE_FORMATS)} of figures, @DPI behind it or not, or none; "
                 f"{', '.join(TABLE_FORMATS)} of tables"
             )
-        if at and not 20 <= _parse_number(dpi, math.isfinite, "a number of dots per inch") <= 2400:
+        if at_sign and not 20 <= _parse_valid_number(dpi, math.isfinite, "a number of dots per inch") <= 2400:
             raise argparse.ArgumentTypeError(f"20 to 2400 dots an inch are expected, not {dpi!r}")
     return text
 
 
-def figure_formats(text: str) -> tuple[list[str], float]:
-    """The formats of figures among `formats`, PNG where there is none, and their dots per inch; no format of none."""
+def parse_figure_formats_and_dpi(text: str) -> tuple[list[str], float]:
+    """The formats of figures in a checked text, PNG where there is none, and their dots per inch; no format of none."""
     entries = [entry.strip().partition("@") for entry in text.split(",")]
     formats_given = list(dict.fromkeys(name for name, _, _ in entries if name in FIGURE_FORMATS))
-    dpi = next((float(dpi) for _, at, dpi in entries if at), _DPI)
+    dpi = next((float(dpi) for _, at_sign, dpi in entries if at_sign), _DPI)
     return [] if any(name == "none" for name, _, _ in entries) else formats_given or ["png"], dpi
 
 
-def table_formats(text: str) -> list[str]:
-    """The formats of tables among `formats`."""
+def parse_table_formats(text: str) -> list[str]:
+    """The formats of tables in a text that `check_formats` takes."""
     names_given = [entry.partition("@")[0].strip() for entry in text.split(",")]
     return list(dict.fromkeys(name for name in names_given if name in TABLE_FORMATS))
 
 
-def names(text: str) -> list[str]:
+def parse_names(text: str) -> list[str]:
     """Names between commas."""
     entries = [name.strip() for name in text.split(",")]
     if not all(entries):
@@ -245,7 +245,7 @@ def names(text: str) -> list[str]:
     return entries
 
 
-def pairs(text: str) -> dict[str, str]:
+def parse_pairs(text: str) -> dict[str, str]:
     """NAME=VALUE,… as a dict."""
     assignments = [token.partition("=") for token in text.split(",")]
     pairs_by_name = {name.strip(): value.strip() for name, _, value in assignments}
@@ -257,25 +257,25 @@ def pairs(text: str) -> dict[str, str]:
 def _make_choice_type(choices):
     """The type of one of some words."""
 
-    def check_word(text):
+    def check_choice(text):
         if text not in choices:
             raise argparse.ArgumentTypeError(f"one of {', '.join(choices)} is expected, not {text!r}")
         return text
 
-    return check_word
+    return check_choice
 
 
 #: What --columns says of a table besides names: its name among the options, and how it is checked.
 _TABLE_FACTS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "frame": ("catalogue_frame", _make_choice_type(FRAMES)),
     "format": ("input_format", _make_choice_type(INPUT_FORMATS)),
-    "sigma": ("sigma", positive),
+    "sigma": ("sigma", parse_positive),
 }
 
 
-def columns(text: str) -> dict[str, Any]:
+def parse_columns(text: str) -> dict[str, Any]:
     """NAME=VALUE,… with one of the sets of names before it, or not."""
-    columns_by_role = _parse_columns(text)
+    columns_by_role = _parse_set_and_pairs(text)
     for name in {*columns_by_role} & {*_TABLE_FACTS}:
         columns_by_role[name] = _TABLE_FACTS[name][1](columns_by_role[name] or "")
     return columns_by_role
@@ -289,22 +289,22 @@ def set_table_options(options: argparse.Namespace) -> None:
     options.columns = given_columns.get("names") if given_columns.keys() == {"names"} else given_columns or None
 
 
-def _parse_columns(text):
-    head, _, remainder = text.partition(",")
-    if "=" in head:
+def _parse_set_and_pairs(text):
+    first_entry, _, remainder = text.partition(",")
+    if "=" in first_entry:
         return _parse_pairs_with_none(text)
-    if head.strip() not in COLUMNS:
+    if first_entry.strip() not in COLUMNS:
         raise argparse.ArgumentTypeError(
             f"{text!r} is neither name=value,name=value nor a set of names: {', '.join(COLUMNS)}"
         )
-    return {"names": head.strip()} | (_parse_pairs_with_none(remainder) if remainder else {})
+    return {"names": first_entry.strip()} | (_parse_pairs_with_none(remainder) if remainder else {})
 
 
 def _parse_pairs_with_none(text):
     """NAME=VALUE,… with None where nothing stands behind the equals sign: no such column is looked for."""
-    empty = {token.partition("=")[0].strip() for token in text.split(",") if token.strip().endswith("=")}
+    empty_names = {token.partition("=")[0].strip() for token in text.split(",") if token.strip().endswith("=")}
     remainder = ",".join(token for token in text.split(",") if not token.strip().endswith("="))
-    return (pairs(remainder) if remainder else {}) | dict.fromkeys(empty - {""})
+    return (parse_pairs(remainder) if remainder else {}) | dict.fromkeys(empty_names - {""})
 
 
 #: Options that name what is written, and those that name whom to connect to.
@@ -330,9 +330,9 @@ class Configuration:
     files: Mapping[str, str] = field(default_factory=dict)
     written: Mapping[str, str] = field(default_factory=dict)
 
-    def text(self, name: str = CONFIGURATION_NAME) -> str:
+    def as_toml(self, file_name: str = CONFIGURATION_NAME) -> str:
         """The file, as TOML."""
-        lines = [f"{REPEATS}, from the folder that it was made in: {self.command} --config {name} --output NEW"]
+        lines = [f"{REPEATS}, from the folder that it was made in: {self.command} --config {file_name} --output NEW"]
         lines += [f"command = {_format_toml(self.command)}", f"version = {_format_toml(self.version)}", "", "[options]"]
         kept = {name: value for name, value in self.options.items() if name not in NOT_KEPT}
         if not _is_worker_count("workers", kept.get("workers")):
@@ -340,10 +340,10 @@ class Configuration:
         lines += [f"{name} = {_format_toml(value)}" for name, value in kept.items()]
         if self.files:
             lines += ["", "# SHA-256 of what was read", "[files]"]
-            lines += [f"{_quote_toml(name)} = {_format_toml(sha)}" for name, sha in self.files.items()]
+            lines += [f"{_quote_toml_text(name)} = {_format_toml(sha)}" for name, sha in self.files.items()]
         if self.written:
             lines += ["", "# SHA-256 of what was written: a file that was changed since is not replaced", "[written]"]
-            lines += [f"{_quote_toml(name)} = {_format_toml(sha)}" for name, sha in self.written.items()]
+            lines += [f"{_quote_toml_text(name)} = {_format_toml(sha)}" for name, sha in self.written.items()]
         return "\n".join(lines) + "\n"
 
 
@@ -384,10 +384,10 @@ def parse_options_as_text(parser: argparse.ArgumentParser, words: Sequence[str])
             action.nargs = "*" if action.nargs in ("*", "+") else "?"
         elif action.nargs == "?":
             action.const = True
-    for exclusive in parser._mutually_exclusive_groups:
-        exclusive.required = False
+    for exclusive_group in parser._mutually_exclusive_groups:
+        exclusive_group.required = False
     options = vars(parser.parse_args(list(words)))
-    option_names = {action.dest: name_of(action) for action in actions}
+    option_names = {action.dest: option_name(action) for action in actions}
     return {
         option_names[dest]: True if isinstance(value, bool) else tuple(value) if isinstance(value, list) else value
         for dest, value in options.items()
@@ -403,7 +403,7 @@ def merge_configuration(
         configuration = read_configuration(settings["config"], parser.prog)
     except argparse.ArgumentTypeError as error:
         parser.error(f"--config {error}")
-    actions = {name_of(action): action for action in parser._actions}
+    actions = {option_name(action): action for action in parser._actions}
     violations = [
         name for name, value in configuration.options.items() if name in _REFUSED and not _is_worker_count(name, value)
     ]
@@ -419,12 +419,12 @@ def merge_configuration(
             )
             hint = f"; nearest: {', '.join(suggestions)}" if suggestions else ""
             parser.error(f"--config {settings['config']}: {parser.prog} has no option {name!r}{hint}")
-    overrides = set(settings)
-    for exclusive in parser._mutually_exclusive_groups:
-        names = {name_of(action) for action in exclusive._group_actions}
-        overrides |= names if names & set(settings) else set()
-    options = {name: value for name, value in configuration.options.items() if name not in overrides}
-    earlier_words = [token for name, value in options.items() for token in _format_option(actions[name], value)]
+    overridden_names = set(settings)
+    for exclusive_group in parser._mutually_exclusive_groups:
+        group_names = {option_name(action) for action in exclusive_group._group_actions}
+        overridden_names |= group_names if group_names & set(settings) else set()
+    options = {name: value for name, value in configuration.options.items() if name not in overridden_names}
+    earlier_words = [token for name, value in options.items() for token in _format_option_words(actions[name], value)]
     return [*earlier_words, *words], configuration
 
 
@@ -433,20 +433,20 @@ def _is_worker_count(name, value):
     return name == "workers" and isinstance(value, str) and value.isdecimal()
 
 
-def name_of(action: argparse.Action) -> str:
+def option_name(action: argparse.Action) -> str:
     """Name of an option in a configuration, without dashes."""
     return (action.option_strings or [action.dest])[0].lstrip("-")
 
 
-def _format_option(action, value):
+def _format_option_words(action, value):
     if not action.option_strings:
         return [value] if isinstance(value, str) else list(value)
-    option = f"--{name_of(action)}"
+    option = f"--{option_name(action)}"
     if value is True:
         return [option]
     if isinstance(value, tuple):
-        repeats = isinstance(action, argparse._AppendAction)
-        return [f"{option}={item}" for item in value] if repeats else [f"{option}={','.join(value)}"]
+        is_repeatable = isinstance(action, argparse._AppendAction)
+        return [f"{option}={entry}" for entry in value] if is_repeatable else [f"{option}={','.join(value)}"]
     return [f"{option}={value}"]
 
 
@@ -457,9 +457,9 @@ def _format_setting(path, name, value):
     if isinstance(value, int) and not isinstance(value, bool):
         return str(value)
     if isinstance(value, list):
-        return tuple(str(_format_setting(path, name, item)) for item in value)
+        return tuple(str(_format_setting(path, name, entry)) for entry in value)
     if isinstance(value, dict):
-        return ",".join(f"{key}={_format_setting(path, name, item)}" for key, item in value.items())
+        return ",".join(f"{key}={_format_setting(path, name, entry)}" for key, entry in value.items())
     raise argparse.ArgumentTypeError(
         f"{path}: {name} is text, a number, true, or several of them, not {value!r}; what is not wanted is left out"
     )
@@ -470,17 +470,17 @@ def _format_toml(value):
         return "true"
     if isinstance(value, (tuple, list)):
         return f"[{', '.join(map(_format_toml, value))}]"
-    return value if NUMBER.fullmatch(value) else _quote_toml(value)
+    return value if NUMBER.fullmatch(value) else _quote_toml_text(value)
 
 
-def _quote_toml(text):
+def _quote_toml_text(text):
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 _NEGATIVE = re.compile(r"-[\d.]")
 
 
-def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Namespace:
+def parse_options(module: Any, arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """The options of a command; a negative number behind an option is its value, with or without an equals sign.
 
     Among them `program`, its name; `given`, what was said by name, as `--config` takes it; `expected`,
@@ -499,19 +499,19 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
         if token.startswith("--") and token.endswith("=--"):  # which argparse of Python 3.11 takes for nothing at all
             parser.error(f"argument {token[:-3]}: '--' is no value")
     configuration = None
-    command_line, settings_of_process = renew_words(parser.prog, command_line)
+    command_line, settings_of_process = renew_words_and_settings(parser.prog, command_line)
     exit_options = {"-h", "--help", "--help-all", "--version"} & set(command_line)
     if hasattr(module, "narrow") and exit_options - {"--version"}:
         module.narrow(parser, command_line)
     if settings_of_process.get("citation") and not exit_options:
         print(bibtex(parser.prog, parse_options_as_text(module.make_parser(), command_line)))
         parser.exit()
-    if _is_given("--config", command_line) and not exit_options:
+    if _is_option_given("--config", command_line) and not exit_options:
         command_line, configuration = merge_configuration(parser, module.make_parser, command_line)
-    command_line = _move_optional_last(parser, command_line)
+    command_line = _move_bare_options_last(parser, command_line)
     options = parser.parse_args(command_line)
     options.log = settings_of_process.get("log", os.environ.get("VSH_LOG") or None)
-    options.threads = _parse_threads(parser, settings_of_process.get("threads"))
+    options.threads = _parse_thread_count(parser, settings_of_process.get("threads"))
     if hasattr(options, "columns"):
         set_table_options(options)
     if hasattr(module, "check"):
@@ -525,24 +525,24 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
     return options
 
 
-def _move_optional_last(parser, words):
+def _move_bare_options_last(parser, words):
     """The words with the options last whose value is optional, where what follows is none: --waves catalogue.fits."""
     kept_words, bare_options = [], []
     for word, following in pairwise([*words, ""]):
         action = parser._option_string_actions.get(word)
-        is_bare = action is not None and action.nargs == "?" and not _is_value(action, following)
+        is_bare = action is not None and action.nargs == "?" and not _is_valid_value(action, following)
         (bare_options if is_bare else kept_words).append(word)
     return kept_words + [word for word in bare_options if not any(other.startswith(f"{word}=") for other in kept_words)]
 
 
-def _is_value(action, text):
+def _is_valid_value(action, text):
     try:
         return text in action.choices if action.choices else bool(action.type is None or action.type(text) is not None)
     except (argparse.ArgumentTypeError, ValueError):
         return False
 
 
-def _parse_threads(parser, text):
+def _parse_thread_count(parser, text):
     """The number of threads that --threads asks for, or None."""
     if text is None:
         return None
@@ -560,26 +560,26 @@ def hide_folder(text: str) -> str:
     return path.name if path.is_absolute() or ("/" in text and os.path.lexists(path)) else text
 
 
-def _is_given(option, tokens):
+def _is_option_given(option, words):
     """Return whether an option is among the words, perhaps shortened."""
-    heads = {token.partition("=")[0] for token in tokens}
-    return any(len(head) > 3 and option.startswith(head) for head in heads)
+    option_names = {token.partition("=")[0] for token in words}
+    return any(len(head) > 3 and option.startswith(head) for head in option_names)
 
 
-def _drop_config_words(tokens):
+def _drop_config_words(words):
     """The words, without those that name a configuration: what it says is among them."""
     kept_words, skips_value = [], False
-    for token in tokens:
-        if skips_value or _is_given("--config", [token]):
-            skips_value = not skips_value and "=" not in token  # its value is the next word
+    for word in words:
+        if skips_value or _is_option_given("--config", [word]):
+            skips_value = not skips_value and "=" not in word  # its value is the next word
         else:
-            kept_words.append(token)
+            kept_words.append(word)
     return kept_words
 
 
-def _hide_folder_in_word(token):
+def _hide_folder_in_word(word):
     """A word of the command as a page may hold it, the value of --option=value too."""
-    option, equals, value = token.partition("=") if token.startswith("--") else ("", "", token)
+    option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
     return option + equals + hide_folder(value)
 
 
@@ -606,8 +606,8 @@ MORE = " | "
 
 def make_parser(prog: str, description: str, examples: Sequence[str]) -> argparse.ArgumentParser:
     """The parser of a command, whose help ends with examples and the place of its page."""
-    lines = "".join(f"  {example}\n" for example in examples)
-    epilog = f"{_EXAMPLES}{lines}\nfull documentation: docs/commands/{prog}.md"
+    example_lines = "".join(f"  {example}\n" for example in examples)
+    epilog = f"{_EXAMPLES}{example_lines}\nfull documentation: docs/commands/{prog}.md"
     return _Parser(prog=prog, description=description, epilog=epilog, formatter_class=_ExampleFormatter)
 
 
@@ -615,12 +615,12 @@ class JoinValues(argparse.Action):
     """An option that may be repeated: texts are joined with commas, dicts are merged, and the later prevails."""
 
     def __call__(self, parser: Any, namespace: argparse.Namespace, values: Any, option_string: Any = None) -> None:
-        earlier = getattr(namespace, self.dest, None)
-        is_first = earlier in (None, self.default)
+        earlier_value = getattr(namespace, self.dest, None)
+        is_first = earlier_value in (None, self.default)
         if isinstance(values, dict):
-            values = values if earlier is None else {**earlier, **values}
+            values = values if earlier_value is None else {**earlier_value, **values}
         elif not is_first:
-            values = f"{earlier},{values}"
+            values = f"{earlier_value},{values}"
         setattr(namespace, self.dest, values)
 
 
@@ -674,13 +674,13 @@ class _Parser(argparse.ArgumentParser):
         formatter.add_text(re.split(r"(?<=[.:]) ", self.description or "")[0].rstrip(":"))
         example = (self.epilog or "").removeprefix(_EXAMPLES).splitlines()[0]
         formatter.add_text(f"{_EXAMPLE}{example}")
-        shared = shared_group(self)._group_actions
-        left_out = (*shared, *self._actions[:2])  # --help itself
-        options = [action for action in self._actions if action not in left_out and action.help != argparse.SUPPRESS]
+        shared_options = get_shared_group(self)._group_actions
+        excluded = (*shared_options, *self._actions[:2])  # --help itself
+        options = [action for action in self._actions if action not in excluded and action.help != argparse.SUPPRESS]
         formatter.start_section("options")
         formatter.add_arguments(list(map(_copy_with_brief_help, options)))
         formatter.end_section()
-        names = ", ".join(f"--{name_of(action)}" for action in shared)
+        names = ", ".join(f"--{option_name(action)}" for action in shared_options)
         formatter.add_text(f"And --help-all has details, and as every command {names}.")
         return formatter.format_help()
 
@@ -706,7 +706,7 @@ class _HelpAll(argparse.Action):
 
 
 #: Options of every command: --help leaves them to --help-all.
-_SHARED = "options of every command"
+_SHARED_TITLE = "options of every command"
 
 
 def _copy_with_brief_help(action):
@@ -716,24 +716,24 @@ def _copy_with_brief_help(action):
     return brief_action
 
 
-def shared_group(parser: argparse.ArgumentParser) -> Any:
+def get_shared_group(parser: argparse.ArgumentParser) -> Any:
     """The group of the options that several commands have."""
-    groups = [group for group in parser._action_groups if group.title == _SHARED]
-    return groups[0] if groups else parser.add_argument_group(_SHARED)
+    groups = [group for group in parser._action_groups if group.title == _SHARED_TITLE]
+    return groups[0] if groups else parser.add_argument_group(_SHARED_TITLE)
 
 
-def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> argparse.ArgumentParser:
+def add_common(parser: argparse.ArgumentParser, result_noun: str = "report") -> argparse.ArgumentParser:
     """The parser with the options that every command has: repeat a run, print it for other programs."""
-    group = shared_group(parser)
+    group = get_shared_group(parser)
     add, add_output = adder(group), adder(group.add_mutually_exclusive_group())
     add(
         "--config FILE",
         "read options from a TOML file, such as the run.toml that every run with --output writes; options on the "
         "command line take precedence",
     )
-    add_output("--json", f"print the result as JSON instead of the {tells}")
+    add_output("--json", f"print the result as JSON instead of the {result_noun}")
     add_output("--latex", "print the result as LaTeX tables (booktabs)")
-    add_output("--long", f"print the full {tells}, as it is written to the folder of results")
+    add_output("--long", f"print the full {result_noun}, as it is written to the folder of results")
     add_output("--quiet", "print only error messages, and no progress bars")
     group.add_argument("--version", action="version", version=f"{parser.prog} {vsh.__version__}")
     return parser
@@ -741,4 +741,4 @@ def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> argpar
 
 def add_overwrite(parser: argparse.ArgumentParser) -> None:
     """Add the option without which no earlier result is replaced."""
-    adder(shared_group(parser))("--overwrite", "replace existing results of the same command")
+    adder(get_shared_group(parser))("--overwrite", "replace existing results of the same command")

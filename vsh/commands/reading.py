@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """The options of every command that reads a catalogue."""
-    add = parsing.adder(parsing.shared_group(parser))
+    add = parsing.adder(parsing.get_shared_group(parser))
     add("--frame", "axes of the result", parsing.FRAMES, "icrs")
     add_columns(parser, "the catalogue")
     add(
@@ -40,30 +40,30 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add_output(parser)
 
 
-def add_columns(parser: argparse.ArgumentParser, of: str) -> None:
+def add_columns(parser: argparse.ArgumentParser, table_words: str) -> None:
     """Add --columns and --units, which say what stands in a table."""
-    add = parsing.adder(parsing.shared_group(parser))
+    add = parsing.adder(parsing.get_shared_group(parser))
     add(
         "--columns ROLE=NAME,…",
-        f"names of the columns of {of}: a predefined set (gaia, the default; vizier; icrf), pairs "
+        f"names of the columns of {table_words}: a predefined set (gaia, the default; vizier; icrf), pairs "
         "(pmra=mu_ra,redshift=z), or both (vizier,redshift=zsp); magnitude= for none; and what the table does not say: "
         "frame=galactic, format=mrt where its name does not tell it, sigma=30 for one error of all sources, µas/yr "
         "(of positions µas)",
-        parsing.columns,
+        parsing.parse_columns,
         action=parsing.JoinValues,
     )
-    add("--units NAME=UNIT,…", "units of columns, such as mu_ra=uas/yr", parsing.pairs)
+    add("--units NAME=UNIT,…", "units of columns, such as mu_ra=uas/yr", parsing.parse_pairs)
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:
     """Add --output, --format, --html and --overwrite."""
-    add = parsing.adder(parsing.shared_group(parser))
+    add = parsing.adder(parsing.get_shared_group(parser))
     add("--output DIR", "write report, tables and figures to this folder", _check_folder_name)
     add(
         "--format NAME,…",
         "formats of the figures, png (the default), pdf or svg, with @DPI behind or without (300), or none; and of the "
         "tables in addition to ECSV: fits, vot, csv",
-        parsing.formats,
+        parsing.check_formats,
         "png",
         action=parsing.JoinValues,
     )
@@ -90,7 +90,7 @@ def open_catalogue(path: str, options: argparse.Namespace) -> TableSource:
     return tables.open_table(path, options.input_format)
 
 
-def read_named_map(text: str) -> tuple[FloatArray, str]:
+def read_map_and_frame(text: str) -> tuple[FloatArray, str]:
     """A HEALPix map and its axes, as options name it: FILE, or galactic:FILE where the header does not state them."""
     import vsh
 
@@ -108,37 +108,37 @@ def is_density(value: str | None, source: TableSource) -> bool:
     return (value or "").partition(",")[0].strip() == DENSITY and DENSITY not in source.names
 
 
-def compute_source_density(source: TableSource, selection: str, keywords: dict[str, Any]) -> ScalarField:
+def compute_source_density(source: TableSource, selection_text: str, keywords: dict[str, Any]) -> ScalarField:
     """The density of the sources of a catalogue, relative to a map of their selection where one is named."""
     import vsh
     from vsh.tools.notes import ASSUMED_MOTIONS, has_code
 
     field = vsh.io.catalogue.read_sources(source, sigma=1.0, **keywords)
     selection_map, frame = None, field.frame
-    if selection:
-        selection_map, frame = read_named_map(selection)
+    if selection_text:
+        selection_map, frame = read_map_and_frame(selection_text)
         field = field.to_frame(frame)
-    counts = vsh.ScalarField.from_counts(field.lon, field.lat, selection=selection_map, frame=frame)
-    return counts.add_note(*(note for note in field.notes if not has_code(note, ASSUMED_MOTIONS)))
+    density = vsh.ScalarField.from_counts(field.lon, field.lat, selection=selection_map, frame=frame)
+    return density.add_note(*(note for note in field.notes if not has_code(note, ASSUMED_MOTIONS)))
 
 
 @contextmanager
-def keep_standard_input(options: argparse.Namespace) -> Iterator[None]:
-    """Keep standard input, where a catalogue is called -, in a file meanwhile: it is read more than once."""
+def prepare_input_catalogues(options: argparse.Namespace) -> Iterator[None]:
+    """Check that catalogues exist; keep standard input, where one is called -, in a file, to read it again."""
     from vsh.tools.errors import TableError
 
-    paths = getattr(options, "others", [])
-    for path in [getattr(options, "catalogue", None), getattr(options, "catalogue2", None), *paths]:
+    other_paths = getattr(options, "others", [])
+    for path in [getattr(options, "catalogue", None), getattr(options, "catalogue2", None), *other_paths]:
         file_path = re.sub(r"#[^#]+$", "", path or "")  # one of several tables in a file
         if path not in (None, "-") and "://" not in path and not (Path(path).exists() or Path(file_path).exists()):
             raise TableError(f"{path}: no such file")
-    option_names = [name for name in ("catalogue", "catalogue2") if getattr(options, name, None) == "-"]
-    if "-" in paths:
+    stdin_options = [name for name in ("catalogue", "catalogue2") if getattr(options, name, None) == "-"]
+    if "-" in other_paths:
         raise TableError("standard input is one of the first two catalogues")
-    if not option_names:
+    if not stdin_options:
         yield
         return
-    if len(option_names) > 1:
+    if len(stdin_options) > 1:
         raise TableError("standard input holds one catalogue: name a file for the other")
     if sys.stdin is None or sys.stdin.isatty():
         raise TableError("- is standard input, and nothing comes in: pipe a table into it, or name a file")
@@ -150,11 +150,11 @@ def keep_standard_input(options: argparse.Namespace) -> Iterator[None]:
             shutil.copyfileobj(sys.stdin.buffer, file, 2**22)
         if not path.stat().st_size:
             raise TableError("standard input is empty")
-        setattr(options, option_names[0], str(path))
+        setattr(options, stdin_options[0], str(path))
         yield
 
 
-def read_one_of_several(path: str, read: Callable[[], Any]) -> Any:
+def read_with_named_notes(path: str, read: Callable[[], Any]) -> Any:
     """A catalogue whose notes with counts, and whose errors on rows, name its file."""
     from vsh.tools.errors import FieldError
     from vsh.tools.notes import CountedNote  # NumPy is slow to import
@@ -173,7 +173,7 @@ def read_one_of_several(path: str, read: Callable[[], Any]) -> Any:
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
     """Add --workers, to every command that reads a catalogue in parts."""
-    parsing.adder(parsing.shared_group(parser))(
+    parsing.adder(parsing.get_shared_group(parser))(
         "--workers N|ADDRESS",
         "process a catalogue of any size in parts, with N processes, or on the Dask cluster with this address or "
         "scheduler file; by default it is read into memory",
@@ -204,8 +204,8 @@ def refuse_velocities(notes: Iterable[object], label: str) -> None:
         raise TableError(f"{label}: {warnings[0].removeprefix('warning: ')}")
 
 
-def velocity_of(value: str | tuple[float, ...] | None) -> Vector | None:
-    """Our velocity, as `vsh.commands.parsing.velocity` has it."""
+def make_observer_velocity(value: str | tuple[float, ...] | None) -> Vector | None:
+    """Our velocity, as `vsh.commands.parsing.parse_velocity` has it."""
     from vsh.models.cosmology import VELOCITIES, velocity_from_apex
 
     if value is None:

@@ -68,23 +68,23 @@ GONE = {
 }  # fmt: skip
 
 
-def _find_rule(command, name, has_value):
+def _find_renaming_rule(command, name, has_value):
     """The rule of an option of a command, or None."""
     key = f"{name} {{}}" if has_value else name
     return RULES.get(f"{command} {key}", RULES.get(key))
 
 
-def renew_words(command: str, words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
+def renew_words_and_settings(command: str, words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
     """The words of a command with the names of today, and what they set for the process."""
-    tokens, settings, renewed_words = [], {}, []
+    kept_words, settings, renewed_words = [], {}, []
     remaining_words = list(words)
     while remaining_words:
         word = remaining_words.pop(0)
         name, equals, value = word.removeprefix("--").partition("=")
-        takes_value = _find_rule(command, name, True) or _SETTINGS.get(name)
-        is_known = takes_value or _find_rule(command, name, False) or name in _SETTINGS
+        takes_value = _find_renaming_rule(command, name, True) or _SETTINGS.get(name)
+        is_known = takes_value or _find_renaming_rule(command, name, False) or name in _SETTINGS
         if not (word.startswith("--") and is_known):
-            tokens.append(word)
+            kept_words.append(word)
             continue
         if takes_value and not equals:
             value = remaining_words.pop(0) if remaining_words else ""
@@ -92,15 +92,15 @@ def renew_words(command: str, words: Sequence[str]) -> tuple[list[str], dict[str
             settings[name] = value if _SETTINGS[name] else True
         else:
             renewed_words.append(f"--{_renew_option(command, name, value if takes_value else True)}")
-    return tokens + renewed_words, settings
+    return kept_words + renewed_words, settings
 
 
 def renew_options(command: str, options: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
     """The options of a saved run with the names of today."""
     for name, value in options.items():
-        text = ",".join(value) if isinstance(value, tuple) else value
-        if _find_rule(command, name, value is not True):
-            new_name, _, new_value = _renew_option(command, name, text).partition("=")
+        value_text = ",".join(value) if isinstance(value, tuple) else value
+        if _find_renaming_rule(command, name, value is not True):
+            new_name, _, new_value = _renew_option(command, name, value_text).partition("=")
             yield new_name, new_value
         else:
             yield name, value
@@ -108,7 +108,7 @@ def renew_options(command: str, options: Mapping[str, Any]) -> Iterable[tuple[st
 
 def _renew_option(command, name, value):
     """An option as it is said today, NAME=VALUE."""
-    rule = _find_rule(command, name, value is not True)
+    rule = _find_renaming_rule(command, name, value is not True)
     renewed_text = rule(value) if callable(rule) else rule.format(value)
     new_name, _, new_value = renewed_text.partition(" ")
     return f"{new_name}={new_value}"

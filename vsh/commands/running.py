@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 import vsh
-from vsh.commands.parsing import NOT_KEPT, WRITTEN, hide_folder, parse
-from vsh.commands.reading import keep_standard_input
+from vsh.commands.parsing import NOT_KEPT, WRITTEN, hide_folder, parse_options
+from vsh.commands.reading import prepare_input_catalogues
 from vsh.tools.errors import VshError, VshWarning
 from vsh.tools.files import check_not_read, digest, protect_files
 from vsh.tools.formats import hide_address_secrets, hide_secrets, is_address
@@ -48,16 +48,16 @@ class _OneLineFormatter(logging.Formatter):
 
 
 def make_entry(
-    module: str, act: Callable[[argparse.Namespace], object]
+    module: str, action: Callable[[argparse.Namespace], object]
 ) -> tuple[Callable[..., int], Callable[[argparse.Namespace], int]]:
     """The two ways into a command of a module: `main(arguments)`, and `run(options)` for options that are parsed."""
 
     def run(options: argparse.Namespace) -> int:
-        return run_safely(options, lambda: act(options))
+        return run_safely(options, lambda: action(options))
 
     def main(arguments: Sequence[str] | None = None) -> int:
         with guard_printing():
-            return run(parse(sys.modules[module], arguments))
+            return run(parse_options(sys.modules[module], arguments))
 
     return main, run
 
@@ -73,15 +73,15 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
         with (
             warnings.catch_warnings(),
             limit_threads(getattr(options, "threads", None)),
-            protect_files(_list_inputs(options)),
+            protect_files(_list_input_paths(options)),
             write_log(options),
             without_progress_bars(options.quiet),
-            keep_standard_input(options),
+            prepare_input_catalogues(options),
             _interrupt_on_terminate(),
             show_elapsed_time(program),
         ):
             warnings.simplefilter("ignore", VshWarning)  # the report's notes say it
-            _note_changed_files(options)
+            _print_changed_file_notes(options)
             action()
     except MemoryError:
         return _report_failure(program, "error: not enough memory: lower the degree, or read fewer sources")
@@ -119,14 +119,14 @@ def _interrupt_on_terminate():
             raise KeyboardInterrupt(signal_number)
         os._exit(128 + signal_number)  # a worker that was forked
 
-    previous = signal.signal(signal.SIGTERM, interrupt)
+    previous_handler = signal.signal(signal.SIGTERM, interrupt)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, previous)
+        signal.signal(signal.SIGTERM, previous_handler)
 
 
-def _list_inputs(options):
+def _list_input_paths(options):
     """List the files and folders that a run reads."""
     values = [value for name, value in vars(options).items() if name not in (*WRITTEN, *_NOT_INPUTS)]
     texts = [entry for value in values for entry in (value if isinstance(value, (tuple, list)) else (value,))]
@@ -136,17 +136,17 @@ def _list_inputs(options):
 class _LogHandler(logging.FileHandler):
     """A log that says once where it could not be written on, and does not end the run for it."""
 
-    failed: str | None = None
+    failure: str | None = None
 
     def handleError(self, record: logging.LogRecord) -> None:
         error = sys.exc_info()[1]
-        self.failed = self.failed or (format_os_error(error) if isinstance(error, OSError) else str(error))
+        self.failure = self.failure or (format_os_error(error) if isinstance(error, OSError) else str(error))
 
     def close(self) -> None:
         try:
             super().close()
         except OSError as error:
-            self.failed = self.failed or format_os_error(error)
+            self.failure = self.failure or format_os_error(error)
 
 
 def _check_log(options):
@@ -199,11 +199,11 @@ def write_log(options: argparse.Namespace) -> Iterator[None]:
             logger.removeHandler(handler)
             logger.setLevel(level)
         handler.close()
-        if handler.failed:
-            print(f"{options.program}: the log is not complete: {printable(handler.failed)}", file=sys.stderr)
+        if handler.failure:
+            print(f"{options.program}: the log is not complete: {printable(handler.failure)}", file=sys.stderr)
 
 
-def _note_changed_files(options):
+def _print_changed_file_notes(options):
     """Print a note on each file that is not the one that the configuration was written for."""
     values = vars(options).values() if options.expected else ()
     paths_given = [text for value in values for text in (value if isinstance(value, list) else [value])]

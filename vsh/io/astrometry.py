@@ -96,7 +96,7 @@ def read_astrometry(
     if unknown_roles:
         raise TableError(f"columns: nothing is called {', '.join(unknown_roles)}; there are {', '.join(aliases)}")
     label = catalogue or (Path(source).name.split(".")[0] if isinstance(source, str | Path) else "catalogue")
-    suffix = _find_suffix([name.lower() for name in table.names])
+    suffix = _find_catalogue_suffix([name.lower() for name in table.names])
     if suffix and not columns:
         if still or catalogue or epoch is not None:
             raise TableError(
@@ -107,7 +107,7 @@ def read_astrometry(
     return _CatalogueColumns(table, aliases, dict(columns or {}), "", epoch).read_rows(label, still=still)
 
 
-def _find_suffix(names):
+def _find_catalogue_suffix(names):
     """The suffix of a second catalogue in a table; empty where there is none."""
     suffixes = [
         name[2:] for name in names if name.startswith("ra_") and {f"dec{name[2:]}", f"epoch{name[2:]}"} <= {*names}
@@ -120,7 +120,7 @@ class _CatalogueColumns:
 
     def __init__(self, table, aliases, columns, suffix, epoch=None):
         self.table, self.epoch, self.names = table, epoch, {}
-        by_lower = {name.lower(): name for name in table.names}
+        name_by_lower = {name.lower(): name for name in table.names}
         for role, candidates in aliases.items():
             if role in columns:
                 if columns[role] not in table.names:
@@ -129,7 +129,7 @@ class _CatalogueColumns:
                 continue
             # What a source is called, its magnitude and its colour are not those of one catalogue.
             endings = (suffix, "") if role in _SOURCE_ROLES else (suffix,)
-            matches = (by_lower.get(candidate + ending) for ending in endings for candidate in candidates)
+            matches = (name_by_lower.get(candidate + ending) for ending in endings for candidate in candidates)
             column = next((name for name in matches if name), None)
             if column is not None:
                 self.names[role] = column
@@ -139,10 +139,10 @@ class _CatalogueColumns:
                 raise TableError(f"{table.label}: {missing_column(role + suffix, table)}{remedy}")
         self.columns = table.columns(tuple(dict.fromkeys(self.names.values())))
 
-    def read_numbers(self, role, n):
+    def read_numbers(self, role, n_rows):
         """A column in our units, nan where nothing is, and all nan where there is no such column."""
         if role not in self.names:
-            return np.full(n, np.nan)
+            return np.full(n_rows, np.nan)
         name = self.names[role]
         unit = _UNITS.get(role.removesuffix("_error"))
         if role in ("ra_error", "dec_error"):
@@ -155,16 +155,16 @@ class _CatalogueColumns:
         values, _ = self.columns[self.names[role]]
         return np.array([value.decode() if isinstance(value, bytes) else str(value) for value in np.asarray(values)])
 
-    def read_calibrator_names(self, n):
+    def read_calibrator_names(self, n_rows):
         """Names of the calibrators of the rows; empty where there is none."""
         if "calibrator" not in self.names:
-            return np.full(n, "")
+            return np.full(n_rows, "")
         _, mask = self.columns[self.names["calibrator"]]
         return np.where(False if mask is None else mask, "", self.read_texts("calibrator"))
 
-    def compute_covariance(self, n):
+    def compute_covariance(self, n_rows):
         """Covariance of the five parameters, (n, 5, 5), from their errors and correlations. [µas, µas/yr]"""
-        sigma = MAS * np.stack([self.read_numbers(f"{parameter}_error", n) for parameter in _PARAMETERS])
+        sigma = MAS * np.stack([self.read_numbers(f"{parameter}_error", n_rows) for parameter in _PARAMETERS])
         if (sigma < 0).any():
             raise TableError(f"{self.table.label}: {int((sigma < 0).sum())} errors are negative")
         tiny = (sigma > 0) & (sigma < _SMALLEST_ERROR)
@@ -173,13 +173,13 @@ class _CatalogueColumns:
                 f"{self.table.label}: {int(tiny.sum())} errors are below {_SMALLEST_ERROR / MAS:g} mas, of row "
                 f"{int(np.flatnonzero(tiny.any(0))[0])} say, which nobody measures: 0 stands for what was not measured"
             )
-        correlations = np.tile(np.eye(5), (n, 1, 1))
+        correlations = np.tile(np.eye(5), (n_rows, 1, 1))
         for role, (i, j) in _CORRELATIONS.items():
             if role in self.names:
-                correlations[:, i, j] = correlations[:, j, i] = np.nan_to_num(self.read_numbers(role, n))
+                correlations[:, i, j] = correlations[:, j, i] = np.nan_to_num(self.read_numbers(role, n_rows))
         return correlations * sigma.T[:, :, None] * sigma.T[:, None, :]
 
-    def read_rows(self, label, drops_repeats=False, still=False):
+    def read_rows(self, catalogue_name, drops_repeats=False, still=False):
         """The rows; each once where the table repeats them beside those of another catalogue."""
         names = np.char.strip(self.read_texts("name"))
         n = len(names)
@@ -190,13 +190,13 @@ class _CatalogueColumns:
         check_degrees(positions, is_unit_assumed, names=self.names)
         lon, lat = positions["ra"] * DEGREE, positions["dec"] * DEGREE
         parallax, *motion = (MAS * self.read_numbers(parameter, n) for parameter in _PARAMETERS[2:])
-        at_rest = np.nan_to_num(self.read_numbers("still", n)) != 0 if "still" in self.names else np.full(n, still)
+        is_still = np.nan_to_num(self.read_numbers("still", n)) != 0 if "still" in self.names else np.full(n, still)
         epoch = self.read_numbers("epoch", n) if "epoch" in self.names else np.full(n, float(self.epoch))
         columns = {
             "name": names,
-            "catalogue": self.read_texts("catalogue") if "catalogue" in self.names else np.full(n, label),
+            "catalogue": self.read_texts("catalogue") if "catalogue" in self.names else np.full(n, catalogue_name),
             "epoch": epoch, "lon": lon, "lat": lat, "parallax": parallax,
-            "motion": np.stack(motion), "covariance": self.compute_covariance(n), "still": at_rest,
+            "motion": np.stack(motion), "covariance": self.compute_covariance(n), "still": is_still,
             "calibrator": self.read_calibrator_names(n),
             **{role: self.read_numbers(role, n) for role in ("radial_velocity", "magnitude")},
         }  # fmt: skip

@@ -34,7 +34,7 @@ def missing_column(name: str | None, source: TableSource) -> str:
 
 def parse_unit(unit: Any) -> Any:
     """A unit from what a table or a user says: in astropy's own spelling, that of FITS, VOTable or CDS."""
-    return _parse_unit(unit) if isinstance(unit, str) else u.Unit(unit)
+    return _parse_unit_text(unit) if isinstance(unit, str) else u.Unit(unit)
 
 
 #: How units are written that astropy does not know so.
@@ -55,7 +55,7 @@ _UNIT_SPELLINGS |= dict.fromkeys(("h:m:s", "d:m:s", '"h:m:s"', '"d:m:s"'), "deg"
 
 
 @lru_cache(1000)
-def _parse_unit(unit):
+def _parse_unit_text(unit):
     unit = match[1] if (match := _FRAMED.fullmatch(unit)) else unit
     unit = _UNIT_SPELLINGS.get(unit.strip().lower(), unit)
     spelled = unit.strip().lower()
@@ -71,17 +71,17 @@ def _parse_unit(unit):
 
 def unit_factor(name: str, unit: Any, wanted: str) -> float:
     """Factor from one unit to another; 1 where a column has none."""
-    return 1.0 if unit is None or not str(unit).strip() else factor_to(name, unit, u.Unit(wanted), False)
+    return 1.0 if unit is None or not str(unit).strip() else find_factor_to(name, unit, u.Unit(wanted), False)
 
 
-def factor_to(name: str, unit: Any, target: Any, from_user: bool) -> float:
+def find_factor_to(name: str, unit: Any, target: Any, from_user: bool) -> float:
     """Factor from the unit of a column to another unit; TableError with a remedy where there is none."""
     try:
         astropy_unit = parse_unit(unit)
     except (ValueError, TypeError):
         origin = "units" if from_user else "the table"
         raise TableError(
-            f"{origin}: {printable(unit)!r}, given for {name}, is no unit that astropy knows: {_suggest(name, target)}"
+            f"{origin}: {printable(unit)!r}, given for {name}, is no unit that astropy knows: {_ask_unit(name, target)}"
         ) from None
     if not isinstance(astropy_unit, u.UnitBase):
         raise TableError(
@@ -92,14 +92,14 @@ def factor_to(name: str, unit: Any, target: Any, from_user: bool) -> float:
     except (u.UnitConversionError, ValueError, TypeError, AttributeError):
         raise TableError(
             f"column {name!r} is in {printable(unit)!r}, which cannot be turned into {target}: if the table is wrong, "
-            f"{_suggest(name, target)}"
+            f"{_ask_unit(name, target)}"
         ) from None
     if not 0 < factor < np.inf:
         raise TableError(f"column {name!r} is in {printable(unit)!r}, a negative unit: correct it, --units")
     return factor
 
 
-def _suggest(name, target):
+def _ask_unit(name, target):
     """The option that says a unit. None is proposed: only the user knows in which unit the numbers are."""
     kinds = {u.deg: "deg, hourangle or rad", u.mas / u.yr: "uas/yr, mas/yr or arcsec/yr", u.Mpc: "kpc or Mpc"}
     return (

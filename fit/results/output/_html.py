@@ -86,14 +86,14 @@ def write_html(
     all_figures = {**new_figures, **(figures or {}), **(further or {})}
     shown_figures = {name: axes for name, axes in all_figures.items() if not (shown_solutions and name == "sky")}
     panels = [
-        page.facts(answer.lines, "answer"),
+        page.facts_panel(answer.lines, "answer"),
         page.paragraph(_format_warnings(solution), "warning"),
-        page.heading("The sky", sky_panel),
-        *map(page.section, solution.sections(long=True, check=check, truth=truth, source=source)),
-        *map(page.section, sections),
-        page.heading("Figures", page.figure_panels(shown_figures, {**_FIGURE_CAPTIONS, **(captions or {})})),
+        page.join_panels("The sky", sky_panel),
+        *map(page.section_panel, solution.sections(long=True, check=check, truth=truth, source=source)),
+        *map(page.section_panel, sections),
+        page.join_panels("Figures", page.figure_row(shown_figures, {**_FIGURE_CAPTIONS, **(captions or {})})),
         _make_coefficients_panel(solution),
-        page.provenance(provenance or {}, command),
+        page.provenance_panel(provenance or {}, command),
     ]
     modes = solution.modes
     lead = (
@@ -116,7 +116,7 @@ def _make_coefficients_panel(solution):
         for mode, value, error in zip(solution.modes, solution.coefficients.values, solution.sigma, strict=True)
     ]
     heads = ["coefficient", f"value [{solution.unit}]", "σ", "value/σ"]
-    return page.heading("Coefficients", page.table(heads, rows, sortable=True, summary=f"{len(rows)} coefficients"))
+    return page.join_panels("Coefficients", page.table(heads, rows, sortable=True, summary=f"{len(rows)} coefficients"))
 
 
 def _collect_shown_solutions(solution, field, comparisons):

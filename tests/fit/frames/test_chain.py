@@ -15,7 +15,7 @@ from fit.frames.chain import combine_frames
 from fit.frames.compare import compare_catalogues
 from fit.normal import normal_equations
 from vsh import DegeneracyError, Field, FieldError, FrameError, Modes, ParameterError
-from vsh.conventions import icrf3_terms
+from vsh.conventions import to_icrf3_terms
 from vsh.io.catalogue import read_icrf
 from vsh.models.covariance import Spectrum
 
@@ -186,8 +186,8 @@ def test_frames_close_with_what_sources_share():
     np.testing.assert_allclose(one.values + two.values, both.values, atol=1e-10)
     bars = chain.plot().containers[0].lines[2][0].get_segments()
     half = [np.ptp(bar[:, 1]) / 2 for bar in bars]
-    names = list(icrf3_terms(one.coefficients, one.sigma))
-    np.testing.assert_allclose(half[: len(names)], [icrf3_terms(one.coefficients, one.sigma)[k][1] for k in names])
+    names = list(to_icrf3_terms(one.coefficients, one.sigma))
+    np.testing.assert_allclose(half[: len(names)], [to_icrf3_terms(one.coefficients, one.sigma)[k][1] for k in names])
     np.testing.assert_allclose(chain.frames("a", "b").values, -one.values, atol=1e-12)
     # Errors are larger than those without, and the report has one of the two, as the pairs have.
     assert (one.sigma > chain.difference("b").sigma[[0, 1, 2, 8, 9, 10]]).all()

@@ -16,7 +16,7 @@ import sim
 from fit.commands.compare import main
 from fit.frames.compare import compare_catalogues, fit_by_error_class
 from vsh import Coefficients, ConvergenceError, Field, FieldError, Modes, ParameterError, TableError
-from vsh.conventions import from_icrf3, icrf3_terms
+from vsh.conventions import from_icrf3, to_icrf3_terms
 from vsh.io.catalogue import read_icrf, read_positions
 from vsh.models.covariance import Spectrum
 from vsh.sky.frames import Positions
@@ -395,7 +395,7 @@ def test_rotation_or_glide_alone():
     comparison, _ = compare_catalogues(a, b, 2, parameters="orientation")
     alone = comparison.parameters_alone
     assert list(alone) == ["R1", "R2", "R3"]
-    quoted = icrf3_terms(comparison.best.coefficients, comparison.best.sigma)
+    quoted = to_icrf3_terms(comparison.best.coefficients, comparison.best.sigma)
     assert all(alone[name][1] < quoted[name][1] for name in alone)
     assert "These alone, all others held at zero (errors scaled in classes): R1" in comparison.report()
     assert list(compare_catalogues(a, b, 2, parameters="glide")[0].parameters_alone) == ["D1", "D2", "D3"]

@@ -54,7 +54,7 @@ def test_command_line_takes_precedence_over_what_excludes_it(tmp_path):
     """A file that asks for the floor, and words that ask for none: the words; and of two ways to print, the last."""
     path = tmp_path / "run.toml"
     path.write_text('[options]\ncatalogue = "a.fits"\ncatalogue2 = "b.fits"\nfloor = true\nlong = true\n')
-    options = parsing.parse(compare, ["--config", str(path), "--floor", "no", "--quiet"])
+    options = parsing.parse_options(compare, ["--config", str(path), "--floor", "no", "--quiet"])
     assert (options.floor, options.long, options.quiet) == ("no", False, True)
 
 
@@ -95,11 +95,11 @@ OURS = ("given", "command", "config")
 
 @pytest.mark.parametrize(("module", "said", "wanted"), CASES, ids=str)
 def test_from_words_to_a_file_and_back(module, said, wanted, tmp_path):
-    options = parsing.parse(module, said)
+    options = parsing.parse_options(module, said)
     assert options.given == wanted
     path = tmp_path / "run.toml"
-    path.write_text(parsing.Configuration(options.program, options.given).text(), encoding="utf-8")
-    again = parsing.parse(module, ["--config", str(path)])
+    path.write_text(parsing.Configuration(options.program, options.given).as_toml(), encoding="utf-8")
+    again = parsing.parse_options(module, ["--config", str(path)])
     assert again.given == wanted | {"config": str(path)}
     one, two = ({k: v for k, v in vars(each).items() if k not in OURS} for each in (again, options))
     assert one == two
@@ -109,7 +109,7 @@ def test_written_by_hand(tmp_path):
     """Arrays and tables where the options_module have commas."""
     path = tmp_path / "mine.toml"
     path.write_text('[options]\ncatalogue = "g.fits"\nbins = [0.001, 0.010]\nh0 = 70\ncolumns = {redshift = "zq"}\n')
-    options = parsing.parse(redshift, ["--config", str(path)])
+    options = parsing.parse_options(redshift, ["--config", str(path)])
     assert options.bins == (0.001, 0.01)
     assert options.h0 == 70
     assert options.columns == {"redshift": "zq"}
@@ -133,7 +133,7 @@ def test_configurations_with_errors(text, words_of_it, tmp_path, capsys):
     if text is not None:
         path.write_text(text, encoding="latin-1")
     with pytest.raises(SystemExit) as end:
-        parsing.parse(options_module, ["c.fits", "--config", str(path)])
+        parsing.parse_options(options_module, ["c.fits", "--config", str(path)])
     assert end.value.code == 2
     assert words_of_it in capsys.readouterr().err
 
@@ -141,7 +141,7 @@ def test_configurations_with_errors(text, words_of_it, tmp_path, capsys):
 def test_shortened_option_is_seen(tmp_path):
     path = tmp_path / "run.toml"
     path.write_text("[options]\ndemo = true\nlmax = 2\n")
-    assert parsing.parse(options_module, ["--conf", str(path)]).lmax == 2
+    assert parsing.parse_options(options_module, ["--conf", str(path)]).lmax == 2
 
 
 def test_another_file_under_the_name_is_told(catalogue, tmp_path, capsys):

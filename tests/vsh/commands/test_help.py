@@ -8,7 +8,7 @@ import pytest
 from conftest import DATA, POSIX, run_python
 
 import sim
-from vsh.__main__ import module_of
+from vsh.__main__ import import_command_module
 from vsh.commands import COMMANDS, parsing
 from vsh.io.astrometry import write_astrometry
 
@@ -16,7 +16,7 @@ MODULES = {name.removeprefix("vsh-"): each.module for name, each in COMMANDS.ite
 
 
 def examples(command):
-    options = module_of(command)
+    options = import_command_module(command)
     lines = options.make_parser().epilog.splitlines()
     assert lines[-1] == f"full documentation: docs/commands/vsh-{command}.md"
     return [line.strip() for line in lines if line.startswith("  vsh-")]
@@ -29,8 +29,8 @@ def test_three_examples_that_are_understood(command):
     for line in listed:
         program, *words = shlex.split(line)
         assert program == f"vsh-{command}"
-        assert parsing.parse(module_of(command), words) is not None
-        assert line in module_of(command).make_parser().format_help_all()
+        assert parsing.parse_options(import_command_module(command), words) is not None
+        assert line in import_command_module(command).make_parser().format_help_all()
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_examples_run(line, folder, tmp_path):
 @pytest.mark.parametrize("command", MODULES)
 def test_help_is_a_screen_and_help_all_is_everything(command, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    parser = module_of(command).make_parser()
+    parser = import_command_module(command).make_parser()
     assert len(parser.format_help().splitlines()) <= 40
     options = [option for action in parser._actions for option in action.option_strings if option.startswith("--")]
     assert len(options) <= {"redshift": 30, "fit": 26}.get(command, 25)  # parallaxes are a question of their own
@@ -85,7 +85,7 @@ def test_help_is_a_screen_and_help_all_is_everything(command, monkeypatch):
 
 def test_error_of_use_is_two_lines(capsys):
     with pytest.raises(SystemExit) as end:
-        parsing.parse(module_of("fit"), ["catalogue.fits", "--lmx", "3"])
+        parsing.parse_options(import_command_module("fit"), ["catalogue.fits", "--lmx", "3"])
     assert end.value.code == 2
     assert capsys.readouterr().err.splitlines() == [
         "vsh-fit: error: unrecognized arguments: --lmx 3 (is it --lmax?)",
@@ -101,7 +101,7 @@ def test_error_of_use_is_two_lines(capsys):
 ])  # fmt: skip
 def test_help_of_a_kind_shows_its_options(kind, there, not_there, capsys):
     with pytest.raises(SystemExit):
-        module_of("sim").main([kind, "--help"])
+        import_command_module("sim").main([kind, "--help"])
     text = capsys.readouterr().out
     assert all(option in text for option in there)
     assert not [option for option in not_there if re.search(rf"{option}\b", text.partition("options:")[2])]

@@ -185,16 +185,16 @@ def test_kills_leave_whole_folders(catalogue, tmp_path):
 def test_vectors_and_velocities_from_the_shell():
     """Three meanings of --velocity, and negative numbers behind a space."""
     from sim.commands import simulate
-    from vsh.commands.reading import velocity_of
+    from vsh.commands.reading import make_observer_velocity
     from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 
     def parsed(*words):
-        return parsing.parse(simulate, ["galaxies", "--output", "x.fits", *words])
+        return parsing.parse_options(simulate, ["galaxies", "--output", "x.fits", *words])
 
     assert parsed("--spin", "-1,2,-3").spin == (-1, 2, -3)
     assert parsed("--spin", "-.5,2,3").spin == (-0.5, 2, 3)
-    assert velocity_of(parsed("--velocity", "planck").velocity) is CMB_VELOCITY_PLANCK18
-    found = velocity_of(parsed("--velocity", "369,264,48").velocity)
+    assert make_observer_velocity(parsed("--velocity", "planck").velocity) is CMB_VELOCITY_PLANCK18
+    found = make_observer_velocity(parsed("--velocity", "369,264,48").velocity)
     assert found.amplitude == pytest.approx(369)
     assert found.direction == pytest.approx((264, 48))
     for wrong in ("-358,77,-45", "369,264,148", "358", "cobe", "0,1,2"):
@@ -380,7 +380,7 @@ def test_command_of_a_page_repeats_the_run(tmp_path):
     where, units, address = "pmra / pmra_error < 5", "mu=uas/yr", "tcp://host:8786"
     words = [tmp_path / "c.fits", "--where", where, "--units", units, f"--checkpoint={tmp_path / 'k.npz'}"]
     words += ["--workers", address, "--posterior"]
-    told = parsing.parse(redshift, list(map(str, words))).command
+    told = parsing.parse_options(redshift, list(map(str, words))).command
     assert told == ["vsh-redshift", "c.fits", *words[1:5], "--checkpoint=k.npz", *words[6:]]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
-from vsh.__main__ import module_of
+from vsh.__main__ import import_command_module
 from vsh.commands import parsing
 
 #: What was said, and what is said now.
@@ -37,7 +37,7 @@ SAID = ("given", "command", "expected", "config")
 
 def options_of(words):
     command, *arguments = words.split()
-    found = vars(parsing.parse(module_of(command), arguments))
+    found = vars(parsing.parse_options(import_command_module(command), arguments))
     return {name: value for name, value in found.items() if name not in SAID}
 
 
@@ -62,15 +62,18 @@ def test_saved_runs_are_read(command, text, now, tmp_path):
 
 
 def test_settings_of_the_process(monkeypatch, tmp_path):
-    assert parsing.parse(module_of("fit"), ["c.fits", "--threads", "2", "--log", "x.log"]).log == "x.log"
+    assert (
+        parsing.parse_options(import_command_module("fit"), ["c.fits", "--threads", "2", "--log", "x.log"]).log
+        == "x.log"
+    )
     monkeypatch.setenv("VSH_LOG", str(tmp_path / "run.log"))
-    options = parsing.parse(module_of("fit"), ["c.fits"])
+    options = parsing.parse_options(import_command_module("fit"), ["c.fits"])
     assert (options.threads, options.log) == (None, os.environ["VSH_LOG"])
 
 
 def test_what_went_says_where_it_is(capsys):
     with pytest.raises(SystemExit):
-        parsing.parse(module_of("redshift"), ["g.fits", "--h0", "70", "--omega-m", "0.3"])
+        parsing.parse_options(import_command_module("redshift"), ["g.fits", "--h0", "70", "--omega-m", "0.3"])
     assert "in Python: observer_velocity(cosmology=)" in capsys.readouterr().err
 
 
@@ -78,4 +81,4 @@ def test_plan_of_dr4_is_understood_word_for_word():
     plan = tomllib.loads(Path(ROOT, "docs", "dr4_plan.toml").read_text(encoding="utf-8"))
     for line in plan["commands"].values():
         program, *words = line.split()
-        assert parsing.parse(module_of(program.removeprefix("vsh-")), words) is not None
+        assert parsing.parse_options(import_command_module(program.removeprefix("vsh-")), words) is not None

@@ -44,7 +44,7 @@ def test_text_pairs_values_with_errors():
 
 
 def test_page_has_each_cell_of_the_text():
-    html = page.section(SECTION).html
+    html = page.section_panel(SECTION).html
     cells = re.split(r" {2,}", "  ".join(str(SECTION).splitlines()[4:7]).strip())
     assert len(cells) == 9
     for cell in cells:
@@ -56,9 +56,9 @@ def test_page_has_each_cell_of_the_text():
 def test_columns_rows_and_forms_choose_what_is_shown():
     shown = Section("Some", (), SECTION.table, ("degree", "p_value"), [2, 0], {"degree": "03d"})
     assert str(shown).splitlines() == ["Some", "  degree   p value", "     003         –", "     001   1.0e-05"]
-    assert ">003<" in page.section(shown).html
-    assert ">1.0e-05<" in page.section(shown).html
-    assert "5.00 ± 0.51" not in page.section(shown).html
+    assert ">003<" in page.section_panel(shown).html
+    assert ">1.0e-05<" in page.section_panel(shown).html
+    assert "5.00 ± 0.51" not in page.section_panel(shown).html
     assert len(shown.table) == 3
     assert shown.table.colnames == list(POWER)
 
@@ -95,4 +95,4 @@ def test_result_prints_its_answer_and_its_sections(degree):
     for long in (False, True):
         assert solution.report(long=long) == f"{solution.answer}\n\n{text_of(solution.sections(long=long))}"
     html = solution._repr_html_()
-    assert all(page.section(section).html in html for section in solution.sections())
+    assert all(page.section_panel(section).html in html for section in solution.sections())

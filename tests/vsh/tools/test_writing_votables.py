@@ -65,7 +65,7 @@ def test_units_are_those_of_vounit(tmp_path):
 @pytest.mark.slow
 def test_stilts_reads_what_commands_write(tmp_path):
     """Without an error of its checker, and with as many rows."""
-    from vsh.__main__ import module_of
+    from vsh.__main__ import import_command_module
 
     galaxies, quasars = str(tmp_path / "galaxies.vot"), str(tmp_path / "quasars.vot")
     common = ["--format", "vot", "--format", "none", "--quiet", "--output"]
@@ -79,7 +79,7 @@ def test_stilts_reads_what_commands_write(tmp_path):
         ["correlate", quasars, "--leakage", "2", *common, str(tmp_path / "correlate")],
         ["redshift", galaxies, "--on-bad", "drop", "--bins", "2", "--flows", "no", *common, str(tmp_path / "redshift")],
     ):
-        assert module_of(command).main(words) == 0
+        assert import_command_module(command).main(words) == 0
     files = sorted(tmp_path.rglob("*.vot"))
     assert len(files) > 12
     for path in files:

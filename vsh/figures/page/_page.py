@@ -25,10 +25,10 @@ from vsh.figures.plot import (
     LONGEST,
     SURE,
     allow_many_figures,
-    chance_of,
     close_figures,
+    compute_smallest_chance,
     even_grid,
-    picture_of,
+    make_png,
     plot_field,
 )
 from vsh.io.sections import Section
@@ -55,7 +55,7 @@ class Panel(NamedTuple):
     scripts: tuple[str, ...] = ()
 
 
-def heading(text: str, *panels: Panel) -> Panel:
+def join_panels(text: str, *panels: Panel) -> Panel:
     """Panels under a heading; nothing if they are empty."""
     html = "\n".join(panel.html for panel in panels if panel.html)
     scripts = tuple(script for panel in panels for script in panel.scripts)
@@ -67,7 +67,7 @@ def paragraph(text: str, kind: str = "") -> Panel:
     return Panel(f"<p{f' class={kind!r}' if kind else ''}>{escape(text)}</p>" if text else "")
 
 
-def facts(entries: Iterable[tuple[Any, Any]], kind: str = "") -> Panel:
+def facts_panel(entries: Iterable[tuple[Any, Any]], kind: str = "") -> Panel:
     """Words with a label in front of each, broken where they are too long; those of the kind "answer" are large."""
     rows_html = "".join(
         f"<tr><th scope='row'>{escape(str(label))}</th><td class='broken'>{escape(str(text))}</td></tr>"
@@ -76,15 +76,15 @@ def facts(entries: Iterable[tuple[Any, Any]], kind: str = "") -> Panel:
     return Panel(f"<div class='wide {kind}'><table><tbody>{rows_html}</tbody></table></div>" if rows_html else "")
 
 
-def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool = False, summary: str = "") -> Panel:
+def table(titles: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool = False, summary: str = "") -> Panel:
     """A table of text."""
-    cell = "<th scope='col'>{}</th>"
+    cell_template = "<th scope='col'>{}</th>"
     if sortable:
-        cell = "<th scope='col' aria-sort='none'><button type='button'>{}</button></th>"
-    head_html = "".join(cell.format(escape(title)) if title else "<td></td>" for title in heads)
-    body = "".join(_format_row(row) for row in rows)
-    tag = '<table class="sortable">' if sortable else "<table>"
-    table_html = f"{tag}<thead><tr>{head_html}</tr></thead><tbody>{body}</tbody></table>"
+        cell_template = "<th scope='col' aria-sort='none'><button type='button'>{}</button></th>"
+    head_html = "".join(cell_template.format(escape(title)) if title else "<td></td>" for title in titles)
+    body_html = "".join(_format_html_row(row) for row in rows)
+    table_tag = '<table class="sortable">' if sortable else "<table>"
+    table_html = f"{table_tag}<thead><tr>{head_html}</tr></thead><tbody>{body_html}</tbody></table>"
     # What scrolls must be reached by keys, and so be named.
     html = f'<div class="wide" tabindex="0" role="group" aria-label="{escape(summary or "table")}">{table_html}</div>'
     if summary:
@@ -92,7 +92,7 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool
     return Panel(html, ("tables",) if sortable else ())
 
 
-def _format_row(row):
+def _format_html_row(row):
     """A row of a table, whose words may be broken and whose numbers may not."""
     label, *cells = map(str, row)
     class_attributes = (" class='broken'" if len(cell) > _MAX_NUMBER_LENGTH else "" for cell in cells)
@@ -106,20 +106,20 @@ _MAX_NUMBER_LENGTH = 32
 _MAX_ROWS = 200
 
 
-def section(part: Section) -> Panel:
+def section_panel(part: Section) -> Panel:
     """A section of a result: its title, facts, table, remarks and notes."""
-    table_panel = footnote = Panel("")
+    rows_panel = footnote = Panel("")
     if (rows := part.shown) is not None:
-        table_panel = table(*format_table(rows[:_MAX_ROWS], part.forms), sortable=True)
+        rows_panel = table(*format_table(rows[:_MAX_ROWS], part.forms), sortable=True)
         footnote = paragraph(
             f"The first {_MAX_ROWS} of {len(rows)} rows; the files have all." if len(rows) > _MAX_ROWS else "", "faint"
         )
     list_html = "".join(f"<li>{escape(str(entry))}</li>" for entry in dict.fromkeys(map(str, part.notes)))
     notes = Panel(f"<ul>{list_html}</ul>" if list_html else "")
-    return heading(part.title, facts(part.facts), table_panel, footnote, *map(paragraph, part.remarks), notes)
+    return join_panels(part.title, facts_panel(part.facts), rows_panel, footnote, *map(paragraph, part.remarks), notes)
 
 
-def figure(picture: bytes, caption: str) -> Panel:
+def figure_panel(picture: bytes, caption: str) -> Panel:
     """A picture, a PNG, with its caption."""
     encoded_picture = base64.b64encode(picture).decode()
     escaped_caption = escape(caption)
@@ -129,23 +129,23 @@ def figure(picture: bytes, caption: str) -> Panel:
     )
 
 
-def picture_row(figures: Sequence[Panel]) -> Panel:
+def panel_row(panels: Sequence[Panel]) -> Panel:
     """Figures beside each other where the page is wide enough."""
-    figures_html = "".join(panel.html for panel in figures)
-    return Panel(f'<div class="pictures">{figures_html}</div>' if figures_html else "")
+    panels_html = "".join(panel.html for panel in panels)
+    return Panel(f'<div class="pictures">{panels_html}</div>' if panels_html else "")
 
 
-def figure_panels(drawn: Mapping[str, Any], captions: Mapping[str, str]) -> Panel:
+def figure_row(named_axes: Mapping[str, Any], captions: Mapping[str, str]) -> Panel:
     """Figures as pictures beside each other, each under its caption, or its name."""
-    return picture_row(
-        [figure(picture_of(plot), captions.get(name, name.replace("_", " "))) for name, plot in drawn.items()]
+    return panel_row(
+        [figure_panel(make_png(axes), captions.get(name, name.replace("_", " "))) for name, axes in named_axes.items()]
     )
 
 
-def notes(lines: Iterable[object]) -> Panel:
+def notes_panel(lines: Iterable[object]) -> Panel:
     """A list of notes."""
     list_html = "".join(f"<li>{escape(str(line))}</li>" for line in lines)
-    return heading("Notes", Panel(f"<ul>{list_html}</ul>" if list_html else ""))
+    return join_panels("Notes", Panel(f"<ul>{list_html}</ul>" if list_html else ""))
 
 
 def preformatted_panel(text: str, label: str = "report") -> Panel:
@@ -153,7 +153,7 @@ def preformatted_panel(text: str, label: str = "report") -> Panel:
     return Panel(f'<pre tabindex="0" role="group" aria-label="{escape(label)}">{escape(text)}</pre>' if text else "")
 
 
-def provenance(sources: Mapping[str, Any], command: Sequence[str] | None = None) -> Panel:
+def provenance_panel(sources: Mapping[str, Any], command: Sequence[str] | None = None) -> Panel:
     """Show the provenance of a result, and the command that repeats it."""
     if not sources:
         return Panel("")
@@ -164,7 +164,7 @@ def provenance(sources: Mapping[str, Any], command: Sequence[str] | None = None)
     ]
     introduction = paragraph("To repeat the run:" if command else "")
     command_panel = preformatted_panel(shlex.join(command or ()), "command")
-    return heading("Where this comes from", introduction, command_panel, facts(entries))
+    return join_panels("Where this comes from", introduction, command_panel, facts_panel(entries))
 
 
 def page(title: str, panels: Iterable[Panel], *, lead: str = "", source: str = "") -> str:
@@ -293,20 +293,20 @@ def sky(*shown: ShownSolution) -> Panel:
         "skies": skies,
     }
     top_degree = max(entry["lmax"] for entry in skies)
-    figures = "".join(_make_sky_figure(i, solution, skies[i]["sent"]) for i, solution in enumerate(shown))
+    figures_html = "".join(_format_sky_figure(i, solution, skies[i]["sent"]) for i, solution in enumerate(shown))
     mark_names = " and ".join(dict.fromkeys(mark["name"] for entry in skies for mark in entry["marks"]))
     # "<" would end the block wherever a name holds "</script>".
     json_text = json.dumps(sky_data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
     controls = Template(_read_asset("controls.html")).substitute(top=top_degree)
-    inner = f'{controls}<div class="skies">{figures}</div>{_make_key_help(mark_names)}'
+    inner_html = f'{controls}<div class="skies">{figures_html}</div>{_format_sky_help(mark_names)}'
     return Panel(
-        f'<section class="sky" aria-label="interactive sky">{inner}</section>'
+        f'<section class="sky" aria-label="interactive sky">{inner_html}</section>'
         f'<script type="application/json" id="sky-data">{json_text}</script>',
         ("d3", "sky"),
     )
 
 
-def _make_key_help(mark_names):
+def _format_sky_help(mark_names):
     stars = f" Stars with circles show where {mark_names} point{'' if ' and ' in mark_names else 's'}, with 68 % cones."
     return (
         '<p class="faint" id="sky-keys">Drag the sky or use the arrow keys to turn it, + and − to zoom, 0 to go back,'
@@ -316,7 +316,7 @@ def _make_key_help(mark_names):
     )
 
 
-def _make_sky_figure(i, solution, sent):
+def _format_sky_figure(i, solution, sent):
     n = solution.n_sources or len(solution.field)
     caption = f"{sent} of {n} sources, those with the most significant residuals" if sent < n else f"all {n} sources"
     caption = f"{solution.label}: {caption}" if solution.label else caption
@@ -333,7 +333,7 @@ def _draw_still_image(solution):
     """The picture that stands there where no script runs."""
     with allow_many_figures():  # those of the page are open
         axes = plot_field(solution.field, solution.coefficients, covariance=solution.covariance, unit=solution.unit)
-    data = base64.b64encode(picture_of(axes, dpi=120)).decode()
+    data = base64.b64encode(make_png(axes, dpi=120)).decode()
     close_figures([axes])
     return f'<img class="still" alt="the sources, and the motions fitted to them" src="data:image/png;base64,{data}">'
 
@@ -344,25 +344,25 @@ def _collect_sky_data(solution):
         raise ParameterError(f"covariance has shape {np.shape(solution.covariance)}, the coefficients are {len(modes)}")
     residual = field.motion - solution.coefficients.at(field.lon, field.lat)
     chi2 = field.inner(residual, residual)
-    order = np.argsort(-chi2, kind="stable")[:MAX_SOURCES]
-    names = [] if field.name is None else [str(name) for name in field.name[order]]
+    shown_indices = np.argsort(-chi2, kind="stable")[:MAX_SOURCES]
+    names = [] if field.name is None else [str(name) for name in field.name[shown_indices]]
     return {
         "label": solution.label,
         "lmax": min(modes.lmax, MAX_LMAX),
         "fitted": modes.lmax,
-        "sent": int(order.size),
+        "sent": int(shown_indices.size),
         "names": names,
-        "seen": chance_of(solution.coefficients, np.asarray(solution.covariance)) < SEEN,
+        "seen": compute_smallest_chance(solution.coefficients, np.asarray(solution.covariance)) < SEEN,
         "sources": {
-            "lon": _encode_floats(np.degrees(field.lon[order])),
-            "lat": _encode_floats(np.degrees(field.lat[order])),
-            "motion": _encode_floats(field.motion[:, order]),
-            "error": _encode_floats(field.sigma[:, order]),
-            "residual": _encode_floats(residual[:, order]),
-            "sigmas": _encode_floats(np.sqrt(chi2[order])),
+            "lon": _encode_floats(np.degrees(field.lon[shown_indices])),
+            "lat": _encode_floats(np.degrees(field.lat[shown_indices])),
+            "motion": _encode_floats(field.motion[:, shown_indices]),
+            "error": _encode_floats(field.sigma[:, shown_indices]),
+            "residual": _encode_floats(residual[:, shown_indices]),
+            "sigmas": _encode_floats(np.sqrt(chi2[shown_indices])),
         },
         **_compute_grid_data(solution, *even_grid(STEP)),
-        "marks": _list_marks(solution),
+        "marks": _list_direction_marks(solution),
     }
 
 
@@ -389,7 +389,7 @@ def _compute_grid_data(solution, lon, lat):
     return {"fields": fields, "variances": variances}
 
 
-def _list_marks(solution):
+def _list_direction_marks(solution):
     names = ("acceleration", "spin") if solution.unit == "µas/yr" else ("glide", "rotation")
     marks: list[dict[str, Any]] = []
     for name, kind in zip(names, "ST", strict=True):

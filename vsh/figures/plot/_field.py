@@ -103,14 +103,13 @@ def draw_vectors(
     return shafts
 
 
-def draw_key(axes: SkyAxes, largest: float, unit: str, longest: float = LONGEST) -> None:
+def draw_arrow_key(axes: SkyAxes, largest_motion: float, unit: str, longest: float = LONGEST) -> None:
     """An arrow of a round length beside the map, where one of the size `largest` is drawn `longest` [deg]."""
-    power_of_ten = 10 ** np.floor(np.log10(1.5 * largest))
-    length = float(min(k * power_of_ten for k in (1, 2, 5, 10) if k * power_of_ten >= 1.5 * largest))
-    arrow_share = np.radians(longest) / (2 * PROJECTIONS[axes.projection_name][1]) * length / largest
-    arrow = {"arrowstyle": "-|>,head_width=0.12,head_length=0.25", "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
+    length = _round_up(1.5 * largest_motion)
+    arrow_share = np.radians(longest) / (2 * PROJECTIONS[axes.projection_name][1]) * length / largest_motion
+    arrow_style = {"arrowstyle": "-|>,head_width=0.12,head_length=0.25", "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
     ends = (arrow_share, 0.055), (0.0, 0.055)
-    axes.annotate("", *ends, xycoords="axes fraction", arrowprops=arrow | {"color": _KEY_STYLE["color"]})
+    axes.annotate("", *ends, xycoords="axes fraction", arrowprops=arrow_style | {"color": _KEY_STYLE["color"]})
     axes.text(0.0, -0.012, f"{length:g} {unit}", transform=axes.transAxes, va="bottom", **_KEY_STYLE)
 
 
@@ -120,19 +119,19 @@ def make_arrow_lines(
     """Points on the map of each arrow that fits there, tail to tip, and which arrows do, a mask."""
     p, q, r = triad(lon, lat)
     east, north = motion / np.hypot(*motion)
-    along = east * p + north * q
+    direction = east * p + north * q
     lines = np.full((lon.size, _POINTS, 2), np.nan)
     unplaced = np.arange(lon.size)
-    for before, share in _PLACES:
+    for share_before, length_share in _PLACES:
         if not unplaced.size:
             break
-        t = (np.linspace(0, 1, _POINTS)[:, None] - before) * share * length[unplaced]
-        points = np.cos(t) * r[:, None, unplaced] + np.sin(t) * along[:, None, unplaced]
+        angle = (np.linspace(0, 1, _POINTS)[:, None] - share_before) * length_share * length[unplaced]
+        points = np.cos(angle) * r[:, None, unplaced] + np.sin(angle) * direction[:, None, unplaced]
         point_lon, point_lat = angles(points.reshape(3, -1))
-        xy, native = axes.project(point_lon.reshape(t.shape), point_lat.reshape(t.shape))
+        xy, native_lon = axes.project(point_lon.reshape(angle.shape), point_lat.reshape(angle.shape))
         is_on_map = np.isfinite(xy).all((0, 2))
         if axes.is_whole:
-            is_on_map &= (np.abs(np.diff(native, axis=0)) < 180).all(0)
+            is_on_map &= (np.abs(np.diff(native_lon, axis=0)) < 180).all(0)
         lines[unplaced[is_on_map]] = np.moveaxis(xy[:, is_on_map], 0, 1)
         unplaced = unplaced[~is_on_map]
     fits = np.isfinite(lines).all((1, 2))
@@ -145,12 +144,12 @@ def _make_heads(lines, head_length):
         return []
     tip = lines[:, -1]
     chord = np.hypot(*(tip - lines[:, 0]).T)[:, None]
-    along = tip - lines[:, -3]
-    along = along / np.maximum(np.hypot(*along.T), 1e-12)[:, None]
-    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    forward = tip - lines[:, -3]
+    forward = forward / np.maximum(np.hypot(*forward.T), 1e-12)[:, None]
+    across = np.stack([-forward[:, 1], forward[:, 0]], axis=1)
     head_length = np.minimum(head_length, 0.55 * chord)
-    back, side = tip - 0.75 * head_length * along, 0.42 * head_length * across
-    return list(np.stack([tip + 0.25 * head_length * along, back + side, back - side], axis=1))
+    base, half_width = tip - 0.75 * head_length * forward, 0.42 * head_length * across
+    return list(np.stack([tip + 0.25 * head_length * forward, base + half_width, base - half_width], axis=1))
 
 
 def even_grid(step: float = 12.0) -> tuple[FloatArray, FloatArray]:
@@ -208,7 +207,7 @@ def compute_significance(motion: FloatArray, basis: FloatArray, covariance: Floa
         return np.asarray(np.sqrt((east**2 * b - 2 * east * north * c + north**2 * a) / (a * b - c**2)))
 
 
-def chance_of(coefficients: Coefficients, covariance: FloatArray) -> float:
+def compute_smallest_chance(coefficients: Coefficients, covariance: FloatArray) -> float:
     """The smallest probability that noise alone gives such a spin, such a glide, or such coefficients, or larger ones.
 
     All coefficients alone would not do: those that a systematic floor holds back are small by their errors, so that a
@@ -218,15 +217,15 @@ def chance_of(coefficients: Coefficients, covariance: FloatArray) -> float:
         return 1.0
     modes = coefficients.modes
     parts = [slice(None), *(modes.slice_of(kind, 1) for kind in modes.kinds)]
-    return min(_compute_chance(coefficients.values[part], covariance[part, part]) for part in parts)
+    return min(_compute_noise_chance(coefficients.values[part], covariance[part, part]) for part in parts)
 
 
-def _compute_chance(values, covariance):
+def _compute_noise_chance(values, covariance):
     # A covariance from few draws is singular: what they did not vary is not asked about.
     variances, axes = np.linalg.eigh(covariance)
-    varied = variances > 1e-12 * variances[-1]
-    chi2 = np.sum((values @ axes)[varied] ** 2 / variances[varied])
-    return chance_probability(float(chi2), int(varied.sum()))
+    is_varied = variances > 1e-12 * variances[-1]
+    chi2 = np.sum((values @ axes)[is_varied] ** 2 / variances[is_varied])
+    return chance_probability(float(chi2), int(is_varied.sum()))
 
 
 @apply_style
@@ -276,7 +275,7 @@ def plot_field(
     if covariance is not None and np.shape(covariance) != (len(modes), len(modes)):
         raise ParameterError(f"covariance has shape {np.shape(covariance)}, the coefficients are {len(modes)}")
     is_covariance_known = covariance is not None and bool(np.isfinite(covariance).all())
-    chance = chance_of(coefficients, np.asarray(covariance)) if is_covariance_known else 0.0
+    chance = compute_smallest_chance(coefficients, np.asarray(covariance)) if is_covariance_known else 0.0
     is_noise = chance >= SEEN
     room_below = 0.95 if covariance is not None and not is_noise else 0.5
     axes = sky_axes(frame if field is None else field.frame, ax, projection=projection, centre=centre, below=room_below)
@@ -285,28 +284,29 @@ def plot_field(
     motion = coefficients.at(lon, lat)
     colour: Any = COLOURS[0]
     if is_noise:
-        colour = _NOISE
+        colour = _NOISE_COLOUR
     elif is_covariance_known:
         basis = harmonics(lon, lat, modes)
         significance = np.nan_to_num(compute_significance(motion, basis, np.asarray(covariance)))
-        top = _choose_top(significance)
-        colour = _make_significance_colours(top)(np.clip(significance, 0, top) / top)
+        # One arrow of twenty lies beyond the end of the colours.
+        top = max(TOP, _round_up(float(np.percentile(significance, 95)))) if significance.max() > TOP else TOP
+        colour = _make_significance_colormap(top)(np.clip(significance, 0, top) / top)
     draw_vectors(axes, lon, lat, motion, color=colour)
-    largest = float(np.hypot(*motion).max())
-    if largest > 0:
-        draw_key(axes, largest, unit)
+    largest_motion = float(np.hypot(*motion).max())
+    if largest_motion > 0:
+        draw_arrow_key(axes, largest_motion, unit)
     names = ("spin", "acceleration") if unit == "µas/yr" else ("rotation", "glide")
-    handles, legend_title = _draw_directions(axes, coefficients, covariance, names)
+    handles, legend_title = _draw_direction_stars(axes, coefficients, covariance, names)
     if hatching is not None:
-        handles.append(_make_gap_key())
+        handles.append(_make_gap_legend_handle())
     if is_noise:
         label = f"arrows: not detected, p ≥ {chance:.2g}"
-        handles.append(Patch(facecolor=_NOISE, linewidth=0.0, label=label))
+        handles.append(Patch(facecolor=_NOISE_COLOUR, linewidth=0.0, label=label))
     if handles:
         placement: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.02), "borderaxespad": 0, "ncols": 2}
         axes.legend(handles=handles, title=legend_title, fontsize=6.5, title_fontsize=6.5, **placement)
     if is_covariance_known and not is_noise:
-        scale = ScalarMappable(Normalize(0, top), _make_significance_colours(top))
+        scale = ScalarMappable(Normalize(0, top), _make_significance_colormap(top))
         bar = colour_bar(axes, scale, r"$\sqrt{v^T C^{-1} v}$ of an arrow (grey: $p > 0.05$)", extend="max", shrink=0.6)
         bar.set_ticks(np.linspace(0, top, 6 if top > TOP else 7))
     title_start = "T" if field is None else f"{len(field)} sources and t"
@@ -314,7 +314,7 @@ def plot_field(
     return axes
 
 
-def _make_gap_key():
+def _make_gap_legend_handle():
     return Patch(facecolor="none", edgecolor="0.55", hatch="//////", linewidth=0.0, label="no sources")
 
 
@@ -353,33 +353,32 @@ def plot_sources(field: Field, *, n_arrows: int = 300, ax: Axes | None = None) -
 
 
 #: Arrows of a field that noise alone would give.
-_NOISE = "0.45"
+_NOISE_COLOUR = "0.45"
 
 
-def _choose_top(significance):
-    """Where the scale of colours ends: so that one arrow of twenty lies beyond it, and not below `TOP`."""
-    reach = max(TOP, float(np.percentile(significance, 95)))
-    power_of_ten = 10 ** np.floor(np.log10(reach))
-    return TOP if reach == TOP else float(min(k * power_of_ten for k in (1, 2, 5, 10) if k * power_of_ten >= reach))
+def _round_up(number):
+    """The next of 1, 2, 5, 10, 20, …"""
+    power_of_ten = 10 ** np.floor(np.log10(number))
+    return float(min(k * power_of_ten for k in (1, 2, 5, 10) if k * power_of_ten >= number))
 
 
-def _make_significance_colours(top):
+def _make_significance_colormap(top):
     steps = np.linspace(0, 1, 256)
     colours = mpl.colormaps[SIGNIFICANCE](steps)
     colours[steps < SURE / top] = mpl.colors.to_rgba(FADED)
     return ListedColormap(colours)
 
 
-def _draw_directions(axes, coefficients, covariance, names):
+def _draw_direction_stars(axes, coefficients, covariance, names):
     """Stars of acceleration and spin, and why arrows need not meet there."""
-    handles, detections = [], []
+    handles, detected_names = [], []
     for kind, name in (("S", names[1]), ("T", names[0])):
         vector = coefficients.vector(kind, covariance, axes.sky_frame)
         if vector.value.any():
             handles.append(draw_direction(axes, vector, name, KIND_COLOURS[kind]))
             if covariance is None or vector.p_value < SEEN:
-                detections.append(name)
-    needs_remark = names[1] in detections and (coefficients.modes.lmax > 1 or len(detections) > 1)
+                detected_names.append(name)
+    needs_remark = names[1] in detected_names and (coefficients.modes.lmax > 1 or len(detected_names) > 1)
     return handles, "arrows: all degrees together; they need not meet at a star" if needs_remark else None
 
 
@@ -422,5 +421,5 @@ def plot_scalar_field(
     label = f"value less its mean{f'  [{unit}]' if unit else ''}"
     axes = plot_map(values, label, frame=frame, cmap=DIVERGING, title=title, ax=ax, vmin=-reach, vmax=reach)
     if _draw_sources_and_gaps(axes, field, color="0.15", alpha=0.5) is not None:
-        axes.legend(handles=[_make_gap_key()], loc="upper right", bbox_to_anchor=(1.0, 1.0), fontsize=6.5)
+        axes.legend(handles=[_make_gap_legend_handle()], loc="upper right", bbox_to_anchor=(1.0, 1.0), fontsize=6.5)
     return axes

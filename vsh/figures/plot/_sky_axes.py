@@ -157,7 +157,7 @@ def sky_axes(
         if ax.sky_frame != frame:
             raise ParameterError(f"the map is in {ax.sky_frame} axes, what is drawn on it in {frame}")
         return ax
-    centre = _check_centre(centre, projection)
+    centre = _resolve_centre(centre, projection)
     wcs = _make_wcs(frame, projection, centre)
     is_whole = projection in _WHOLE_SKY
     options: dict[str, Any] = {"axes_class": SkyAxes, "wcs": wcs, "frame_class": EllipticalFrame}
@@ -185,7 +185,7 @@ def sky_axes(
     return axes
 
 
-def _check_centre(centre, projection):
+def _resolve_centre(centre, projection):
     if centre is None:
         centre = (0.0, 90.0) if projection == "polar" else (0.0, 0.0)
     try:
@@ -215,10 +215,10 @@ def _make_wcs(frame, projection, centre):
 
 def project_curve(axes: SkyAxes, lon: FloatArray, lat: FloatArray) -> FloatArray:
     """A curve on the sky as points on the map, with gaps of NaN where it goes over the seam."""
-    xy, native = axes.project(lon, lat)
+    xy, native_lon = axes.project(lon, lat)
     if not axes.is_whole:
         return xy
-    crossings = np.flatnonzero(np.abs(np.diff(native)) > 180) + 1
+    crossings = np.flatnonzero(np.abs(np.diff(native_lon)) > 180) + 1
     return np.insert(xy, crossings, np.nan, axis=0)
 
 
@@ -244,10 +244,10 @@ def _draw_graticule(axes):
             labels.append((axes.centre[0], lat, text))
     boxes: list[tuple[float, float, float]] = []
     xy, native = axes.project(*np.radians([[lon, lat] for lon, lat, _ in labels]).T)
-    for (x, y), from_middle, (_, _, text) in zip(xy, native, labels, strict=True):
+    for (x, y), native_lon, (_, _, text) in zip(xy, native, labels, strict=True):
         half_text = 0.34 * _SIZE * _POINT * len(text)
         # Outside the limb, or half over it.
-        if not np.isfinite(x) or (axes.is_whole and abs(from_middle) > 179) or not _is_inside(axes, x, y, half_text):
+        if not np.isfinite(x) or (axes.is_whole and abs(native_lon) > 179) or not _is_inside(axes, x, y, half_text):
             continue
         if any(abs(x - at) < half_text + box_half and abs(y - up) < 1.2 * _SIZE * _POINT for at, up, box_half in boxes):
             continue
@@ -255,10 +255,10 @@ def _draw_graticule(axes):
         axes.text(x, y, text, ha="center", va="center", path_effects=HALO, **_LABEL_STYLE)
 
 
-def _is_inside(axes, x, y, half):
+def _is_inside(axes, x, y, half_width):
     """Return whether a label is within the map's ellipse."""
     height, width = axes.wcs.array_shape
-    reach = max(abs(x - half - width / 2), abs(x + half - width / 2)) / (width / 2)
+    reach = max(abs(x - half_width - width / 2), abs(x + half_width - width / 2)) / (width / 2)
     return reach**2 + ((abs(y - height / 2) + 0.5 * _SIZE * _POINT) / (height / 2)) ** 2 < 1
 
 
@@ -358,14 +358,14 @@ def draw_matrix(axes: Axes, matrix: FloatArray, names: Sequence[str], groups: Se
     axes.spines[["top", "right"]].set_visible(True)
     axes.tick_params(length=0)
     groups = groups or ()
-    starts = [i for i, group in enumerate(groups) if i == 0 or group != groups[i - 1]]
-    for i in starts[1:]:
+    group_starts = [i for i, group in enumerate(groups) if i == 0 or group != groups[i - 1]]
+    for i in group_starts[1:]:
         heavy = groups[i][:1] != groups[i - 1][:1]
         for draw in (axes.axhline, axes.axvline):
             draw(i - 0.5, color="0.4" if heavy else "0.6", linewidth=0.8 if heavy else 0.25 if k <= 60 else 0.1)
-    if k > NAMED and starts:
-        middles = [(a + b - 1) / 2 for a, b in pairwise([*starts, k])]
-        labels = [groups[i] for i in starts]
+    if k > NAMED and group_starts:
+        middles = [(start + end - 1) / 2 for start, end in pairwise([*group_starts, k])]
+        labels = [groups[i] for i in group_starts]
         # The first of each kind, degree 1, and of the others those that do not lie on the one before.
         shown: list[int] = []
         for i, middle in enumerate(middles):
@@ -445,8 +445,8 @@ def plot_map(
     **style
         Style of the image: `vmin`, `vmax`.
     """
-    lines = (title or "").count("\n") + label.count("\n")
-    axes = sky_axes(frame, ax, below=0.45 + 0.14 * lines)
+    n_extra_lines = (title or "").count("\n") + label.count("\n")
+    axes = sky_axes(frame, ax, below=0.45 + 0.14 * n_extra_lines)
     if np.isnan(np.asarray(values, float)).any():
         axes.set_facecolor("0.87")
     colour_bar(axes, draw_map(axes, values, cmap, **style), label, extend=extend)

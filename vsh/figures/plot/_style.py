@@ -90,9 +90,9 @@ def allow_many_figures() -> Any:
     return plt.rc_context({"figure.max_open_warning": 0})
 
 
-def figure_of(drawn: Any) -> Figure:
+def figure_of(axes_or_figure: Any) -> Figure:
     """The figure that axes are in."""
-    artist = np.ravel(np.asarray(drawn, dtype=object))[0]
+    artist = np.ravel(np.asarray(axes_or_figure, dtype=object))[0]
     return artist if hasattr(artist, "savefig") else artist.figure
 
 
@@ -112,9 +112,9 @@ def set_log_ticks(axis: Any, low: float, high: float) -> None:
     """Three ticks at least of a logarithmic axis where it is short, as plain numbers: 1, 2, 5, 10."""
     if not (1e-4 < low < high < min(160 * low, 1e5)):
         return
-    powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+    powers_of_ten = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     for multiples in ((1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), tuple(np.arange(1, 10, 0.2).round(1))):
-        ticks = np.multiply.outer(powers, np.array(multiples))
+        ticks = np.multiply.outer(powers_of_ten, np.array(multiples))
         if np.sum((ticks >= low) & (ticks <= high)) >= 3:
             break
     axis.set_major_locator(LogLocator(subs=multiples))
@@ -142,24 +142,24 @@ _METADATA = {
 }
 
 
-def picture_of(drawn: Any, dpi: float = 200) -> bytes:
+def make_png(axes: Any, dpi: float = 200) -> bytes:
     """A figure as a PNG of 256 colours, for a page."""
     buffer = io.BytesIO()
     with plt.rc_context(STYLE):
-        figure_of(drawn).savefig(buffer, format="png", dpi=dpi, metadata=_METADATA["png"])
+        figure_of(axes).savefig(buffer, format="png", dpi=dpi, metadata=_METADATA["png"])
     # A page holds many: 256 colours are what they need, and a third of the bytes.
     for colours in (256, 32):
-        reduced = io.BytesIO()
-        Image.open(buffer).convert("RGB").quantize(colours).save(reduced, format="png", optimize=True)
-        if reduced.tell() < 150_000:  # else it is like noise, and a scale of 32 steps says as much
+        reduced_png = io.BytesIO()
+        Image.open(buffer).convert("RGB").quantize(colours).save(reduced_png, format="png", optimize=True)
+        if reduced_png.tell() < 150_000:  # else it is like noise, and a scale of 32 steps says as much
             break
-    return reduced.getvalue()
+    return reduced_png.getvalue()
 
 
 def close_figures(figures: Iterable[Any]) -> None:
     """Close figures that are not wanted any more."""
-    for drawn in figures:
-        plt.close(figure_of(drawn))
+    for axes in figures:
+        plt.close(figure_of(axes))
 
 
 def save_figures(
@@ -191,8 +191,8 @@ def save_figures(
     formats = [choice("format", extension, FORMATS) for extension in ([format] if isinstance(format, str) else format)]
     positive("dpi", dpi)
     paths = []
-    for name, drawn in figures.items():
-        figure = figure_of(drawn)
+    for name, axes in figures.items():
+        figure = figure_of(axes)
         for extension in formats:
             paths.append(Path(folder) / f"{name}.{extension}")
             with atomic_write(paths[-1], overwrite) as temporary_path, plt.rc_context(STYLE):

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from vsh.io import tables
-from vsh.io.archive._tap import _extract_message, _open_url, _read_at_most, _read_note, _RefusedError, _write_note
+from vsh.io.archive._tap import _extract_error, _open_url, _read_at_most, _read_note, _RefusedError, _write_note
 from vsh.tools.arguments import positive, whole
 from vsh.tools.errors import ArchiveError, VshError
 from vsh.tools.files import atomic_write, digest, hold_lock, remove_unfinished_files
@@ -82,16 +82,16 @@ def fetch_epochs(
     source_ids = sorted({int(source_id) for source_id in ids})
     if not source_ids or source_ids[0] < 0:
         raise ArchiveError("there are no sources to ask for: source_id are whole numbers above zero")
-    size = min(whole("batch", batch), BATCH)
+    n_batch = min(whole("batch", batch), BATCH)
     folder = Path(folder)
-    note = folder.with_name(f"{folder.name}.json")
+    note_path = folder.with_name(f"{folder.name}.json")
     checksum = hashlib.sha256("\n".join(map(str, source_ids)).encode()).hexdigest()
     request = {
-        "retrieval_type": retrieval_type, "structure": structure, "release": release, "url": str(url), "batch": size,
+        "retrieval_type": retrieval_type, "structure": structure, "release": release, "url": str(url), "batch": n_batch,
         "sources": len(source_ids), "sha256_of_ids": checksum,
     }  # fmt: skip
-    with hold_lock(note):
-        record = _read_note(note)
+    with hold_lock(note_path):
+        record = _read_note(note_path)
         if record and any(record.get(key) != value for key, value in request.items()):
             raise ArchiveError(f"{printable(folder)} holds the answer to another request: name another folder")
         if not record and folder.exists() and any(folder.iterdir()):
@@ -101,24 +101,24 @@ def fetch_epochs(
         files: dict[str, str] = dict(record.get("files", {}))
         missing: dict[str, list[int]] = dict(record.get("missing", {}))
         if not record:  # first of all: who is killed in the first batch goes on as well
-            _write_note(note, request | {"files": files, "missing": missing})
+            _write_note(note_path, request | {"files": files, "missing": missing})
         folder.mkdir(exist_ok=True)
         remove_unfinished_files(folder)
-        _check_unchanged(folder, files)
+        _check_files_unchanged(folder, files)
         structures = [structure] if structure else list(STRUCTURES)
-        fetch = partial(_fetch_answer, request, structures, positive("patience", patience))
-        batches = [source_ids[k : k + size] for k in range(0, len(source_ids), size)]
+        fetch = partial(_fetch_epoch_answer, request, structures, positive("patience", patience))
+        batches = [source_ids[k : k + n_batch] for k in range(0, len(source_ids), n_batch)]
         with progress_bar(total=len(batches), words="fetching epochs", shown=progress) as bar:
             for k, batch_ids in enumerate(batches):
                 prefix = f"epochs-{k:05d}"
                 names = [name for name in files if name.startswith(f"{prefix}-")]
                 if (not names and prefix not in missing) or any(not (folder / name).is_file() for name in names):
                     files = {name: sha for name, sha in files.items() if name not in names}
-                    added, missing_ids = _fetch_batch(fetch, request["url"], batch_ids, folder / prefix)
-                    files |= added
+                    added_files, missing_ids = _fetch_batch(fetch, request["url"], batch_ids, folder / prefix)
+                    files |= added_files
                     missing.pop(prefix, None)
                     missing |= {prefix: missing_ids} if missing_ids else {}
-                    _write_note(note, request | {"files": files, "missing": missing})
+                    _write_note(note_path, request | {"files": files, "missing": missing})
                 bar.update(1)
     return folder
 
@@ -130,7 +130,7 @@ def sources_without_epochs(folder: PathName) -> list[int]:
     return sorted(source_id for missing_ids in record.get("missing", {}).values() for source_id in missing_ids)
 
 
-def _check_unchanged(folder, files):
+def _check_files_unchanged(folder, files):
     """Raise ArchiveError where a file that was fetched is no longer as it was: it is somebody's work."""
     changed_names = [name for name, sha in files.items() if (folder / name).is_file() and digest(folder / name) != sha]
     if changed_names:
@@ -141,7 +141,7 @@ def _check_unchanged(folder, files):
         )
 
 
-def _fetch_answer(request, structures, patience, ids):
+def _fetch_epoch_answer(request, structures, patience, ids):
     """The body of the answer for some sources; of the `structures` those that the server knows are left."""
     form = {
         "ID": ",".join(map(str, ids)), "RETRIEVAL_TYPE": request["retrieval_type"], "FORMAT": "votable",
@@ -159,7 +159,7 @@ def _fetch_answer(request, structures, patience, ids):
         structures[:] = [name for name in STRUCTURES[1:] if not valid_names or name in valid_names]
         if not structures:
             raise
-        return _fetch_answer(request, structures, patience, ids)
+        return _fetch_epoch_answer(request, structures, patience, ids)
 
 
 def _fetch_batch(fetch, url, ids, prefix):
@@ -167,35 +167,35 @@ def _fetch_batch(fetch, url, ids, prefix):
     members = _unpack_answer(fetch(ids), url)
     for old_path in prefix.parent.glob(f"{prefix.name}-*"):  # of an answer in other files, or of one that was no good
         old_path.unlink()
-    files, received = {}, set()
+    files, received_ids = {}, set()
     for number, (name, content) in enumerate(members):
         suffix = ".fits" if content[:9] == b"SIMPLE  =" else ".csv" if name.lower().endswith(".csv") else ".vot"
         path = prefix.with_name(f"{prefix.name}-{number:05d}{suffix}")
         with atomic_write(path, overwrite=True) as temporary_path:
             temporary_path.write_bytes(content)
-            received |= _read_source_ids(temporary_path, name, content, url)
+            received_ids |= _read_source_ids(temporary_path, name, content, url)
             files[path.name] = digest(temporary_path)
-    foreign = received - set(ids)
-    if foreign:
+    foreign_ids = received_ids - set(ids)
+    if foreign_ids:
         raise ArchiveError(
-            f"{url} sent epochs of {len(foreign)} sources that were not asked for, {min(foreign)} for one"
+            f"{url} sent epochs of {len(foreign_ids)} sources that were not asked for, {min(foreign_ids)} for one"
         )
-    return files, sorted(set(ids) - received)
+    return files, sorted(set(ids) - received_ids)
 
 
 def _read_source_ids(path, name, content, url):
     """The source_id in a file of an answer, once it is known to hold epochs."""
     try:
         table = tables.open_table(path)
-        names = {column.lower(): column for column in table.names}
-        absent = [column for column in _NEEDED_COLUMNS if column not in names]
-        if not absent:
-            source_ids, mask = table.columns((names["source_id"],))[names["source_id"]]
+        name_by_lower = {column.lower(): column for column in table.names}
+        absent_columns = [column for column in _NEEDED_COLUMNS if column not in name_by_lower]
+        if not absent_columns:
+            source_ids, mask = table.columns((name_by_lower["source_id"],))[name_by_lower["source_id"]]
             return set(map(int, np.asarray(source_ids) if mask is None else np.asarray(source_ids)[~np.asarray(mask)]))
-        reason = f"it has no column {absent[0]}"
+        reason = f"it has no column {absent_columns[0]}"
     except (VshError, OSError, ValueError, TypeError) as error:
         reason = str(error).replace(str(path), name)
-    message = _extract_message(content[:_MAX_MESSAGE_BYTES]) if b"ERROR" in content[:_MAX_MESSAGE_BYTES] else reason
+    message = _extract_error(content[:_MAX_MESSAGE_BYTES]) if b"ERROR" in content[:_MAX_MESSAGE_BYTES] else reason
     raise ArchiveError(f"{url} sent no epochs in {printable(name)}: {printable(message)[:200]}")
 
 
@@ -203,15 +203,15 @@ def _read_source_ids(path, name, content, url):
 _MAX_MESSAGE_BYTES = 2**20
 
 
-def _unpack_answer(body, url):
+def _unpack_answer(answer_bytes, url):
     """The files of an answer: those of a zip archive, or itself."""
-    if body[:2] != b"PK":
-        if b"<VOTABLE" not in body[:2000] and body[:9] != b"SIMPLE  =":
-            text = re.sub(r"<[^>]+>", " ", body[:400].decode("utf-8", "replace"))
+    if answer_bytes[:2] != b"PK":
+        if b"<VOTABLE" not in answer_bytes[:2000] and answer_bytes[:9] != b"SIMPLE  =":
+            text = re.sub(r"<[^>]+>", " ", answer_bytes[:400].decode("utf-8", "replace"))
             raise ArchiveError(f"{url} sent no epochs: {printable(' '.join(text.split()))[:200]}")
-        return [("answer", body)]
+        return [("answer", answer_bytes)]
     try:
-        with zipfile.ZipFile(io.BytesIO(body)) as archive:
+        with zipfile.ZipFile(io.BytesIO(answer_bytes)) as archive:
             member_infos = [member for member in archive.infolist() if not member.is_dir()]
             if sum(member.file_size for member in member_infos) > _LARGEST:
                 raise ArchiveError(f"{url} sent more than {_LARGEST} bytes in one batch: ask for fewer sources (batch)")

@@ -70,10 +70,10 @@ _ADQL_NAME = re.compile(r"[A-Za-z_][\w]*(\.[A-Za-z_][\w]*){0,2}")
 
 
 def _format_column_list(release):
-    return ", ".join(f"g.{name}" for name in _list_columns(release))
+    return ", ".join(f"g.{name}" for name in _list_gaia_columns(release))
 
 
-def _list_columns(release):
+def _list_gaia_columns(release):
     """The columns of a release, by its own name of the astrometric model."""
     columns = (release.solution if name == DR3.solution else name for name in _COLUMNS)
     return (*columns, *_FURTHER_COLUMNS.get(release.name, ()))
@@ -117,7 +117,7 @@ ASTROMETRY = ("gaia_source", "all_source_astrometry")
 _PHOTOMETRY, _PHOTOMETRY_OF_ALL = ("phot_g_mean_mag", "bp_rp"), "all_source_photometry"
 
 
-def release_of(table: str, release: DataRelease | None = None) -> DataRelease:
+def find_table_release(table: str, release: DataRelease | None = None) -> DataRelease:
     """The release that a table belongs to, by its schema: gaiadr4.qso_candidates is of DR4.
 
     Parameters
@@ -138,8 +138,8 @@ def release_of(table: str, release: DataRelease | None = None) -> DataRelease:
     schema = str(table).partition(".")[0].lower()
     by_schema = next((candidate for candidate in RELEASES.values() if candidate.schema == schema), None)
     if by_schema is None and re.fullmatch(r"gaiae?f?dr\d+\w*", schema):
-        known = ", ".join(candidate.schema for candidate in RELEASES.values())
-        raise ArchiveError(f"{table} is of a release that is not known: {known} are. Write the query in a file")
+        known_schemas = ", ".join(candidate.schema for candidate in RELEASES.values())
+        raise ArchiveError(f"{table} is of a release that is not known: {known_schemas} are. Write the query in a file")
     if by_schema is not None and release is not None and release is not by_schema:
         raise ArchiveError(
             f"{table} is a table of {by_schema.name}, and {release.name} is asked for: identifiers and motions of the "
@@ -178,9 +178,9 @@ def of_table(
     ArchiveError
         If the schema of the table contradicts the release, or a name is none.
     """
-    release = release_of(table, release)
+    release = find_table_release(table, release)
     columns = (columns,) if isinstance(columns, str) else tuple(columns)
-    astrometry_columns = set(_list_columns(release))
+    astrometry_columns = set(_list_gaia_columns(release))
     repeated = sorted({name for name in columns if name in astrometry_columns or columns.count(name) > 1})
     if repeated:
         raise ArchiveError(f"columns that gaia_source gives already, or that are named twice: {', '.join(repeated)}")
@@ -190,18 +190,18 @@ def of_table(
                 f"{name!r} is no name of a table or column: letters, digits and _, tables with their schema"
             )
     table_columns = [f"t.{name}" for name in columns]
-    adql = _join_astrometry(release, astrometry, table_columns, f"FROM {table} AS t", "g.source_id = t.source_id")
+    adql = _make_astrometry_query(release, astrometry, table_columns, f"FROM {table} AS t", "g.source_id = t.source_id")
     return adql if where is None else f"{adql}\nWHERE {where.strip()}"
 
 
-def _join_astrometry(release, astrometry, further_columns, from_clause, join_condition):
+def _make_astrometry_query(release, astrometry, further_columns, from_clause, join_condition):
     """The query that joins the astrometry of a release to a source of rows: `join_condition` says which."""
     if astrometry not in ASTROMETRY or (astrometry != "gaia_source" and release is not DR4):
         raise ArchiveError(
             f"{release.name} has no table of astrometry called {astrometry!r}: {', '.join(ASTROMETRY)} (the latter DR4)"
         )
     is_core = astrometry != "gaia_source"
-    select_list = [f"{'s' if is_core and name in _PHOTOMETRY else 'g'}.{name}" for name in _list_columns(release)]
+    select_list = [f"{'s' if is_core and name in _PHOTOMETRY else 'g'}.{name}" for name in _list_gaia_columns(release)]
     lines = [
         f"SELECT {', '.join([*select_list, *further_columns])}",
         from_clause,
@@ -265,7 +265,7 @@ def query_near_positions(*, release: DataRelease = DR3, astrometry: str = "gaia_
     circle = f"CIRCLE('ICRS', t.ra, t.dec, {MATCH_RADIUS}/3600)"
     join_condition = f"1 = CONTAINS(POINT('ICRS', g.ra, g.dec), {circle})"
     further_columns = ["t.ra AS list_ra", "t.dec AS list_dec"]
-    return _join_astrometry(release, astrometry, further_columns, f"FROM {UPLOADED} AS t", join_condition)
+    return _make_astrometry_query(release, astrometry, further_columns, f"FROM {UPLOADED} AS t", join_condition)
 
 
 #: DR4's names of the sources of DR3 that are sent with the query (`gaiadr4.dr3_neighbourhood`): a source may have

@@ -91,20 +91,20 @@ def check_schema(schema: str = DR4.schema, url: str = ESA) -> SchemaCheck:
     if release is DR4:
         queries["dr3-neighbourhood"] = NEIGHBOURS
     url = str(url).rstrip("/")
-    wanted = sorted({table for adql in queries.values() for table in _find_tables_by_alias(adql, schema).values()})
-    listing = ", ".join(f"'{table}'" for table in wanted) or f"'{schema}'"
+    used_tables = sorted({table for adql in queries.values() for table in _find_tables_by_alias(adql, schema).values()})
+    quoted_tables = ", ".join(f"'{table}'" for table in used_tables) or f"'{schema}'"
     table_columns: dict[str, set[str]] = {}
-    adql = f"SELECT table_name, column_name FROM TAP_SCHEMA.columns WHERE table_name IN ({listing})"
+    adql = f"SELECT table_name, column_name FROM TAP_SCHEMA.columns WHERE table_name IN ({quoted_tables})"
     for table, column in query_rows(adql, ("table_name", "column_name"), url):
         table_columns.setdefault(table, set()).add(column)
     table_names = set(table_columns)
-    if not table_names.issuperset(wanted) or not wanted:  # what is missing may have another name
+    if not table_names.issuperset(used_tables) or not used_tables:  # what is missing may have another name
         adql = f"SELECT table_name FROM TAP_SCHEMA.tables WHERE table_name LIKE '{schema}.%'"
         table_names |= {row[0] for row in query_rows(adql, ("table_name",), url) if row[0].startswith(f"{schema}.")}
     if not table_names:
         raise ArchiveError(f"{printable(url)} has no schema {schema}, or shows no columns of it")
     missing = {name: _find_missing_names(adql, schema, table_columns, table_names) for name, adql in queries.items()}
-    present_tables = [table for table in wanted if table in table_columns]
+    present_tables = [table for table in used_tables if table in table_columns]
     return SchemaCheck(schema, len(present_tables), sum(len(table_columns[table]) for table in present_tables), missing)
 
 
@@ -117,14 +117,14 @@ def _find_missing_names(adql, schema, table_columns, table_names):
     """Names of a query that a schema lacks, with the nearest ones; `table_names` are those of its tables."""
     aliases = _find_tables_by_alias(adql, schema)
     unknown_tables = [table for table in dict.fromkeys(aliases.values()) if table not in table_columns]
-    absent: list[tuple[str, str | None]] = [(table, _find_nearest(table, table_names)) for table in unknown_tables]
+    absent: list[tuple[str, str | None]] = [(table, _find_nearest_name(table, table_names)) for table in unknown_tables]
     for alias, column in dict.fromkeys(_ALIASED.findall(adql)):
         table = aliases.get(alias, "")
         if table in table_columns and column.lower() not in table_columns[table]:
-            nearest = _find_nearest(column.lower(), table_columns[table])
+            nearest = _find_nearest_name(column.lower(), table_columns[table])
             absent.append((f"{table}.{column}", nearest and f"{table}.{nearest}"))
     return tuple(absent)
 
 
-def _find_nearest(name, names):
+def _find_nearest_name(name, names):
     return next(iter(get_close_matches(name, names, n=1, cutoff=0.5)), None)

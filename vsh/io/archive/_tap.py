@@ -115,8 +115,8 @@ def query(
     if upload is not None:
         request["upload"] = hashlib.sha256(upload).hexdigest()
     with hold_lock(path):
-        note = path.with_name(f"{path.name}.json")
-        record = _read_note(note)
+        note_path = path.with_name(f"{path.name}.json")
+        record = _read_note(note_path)
         if path.exists():
             _check_as_fetched(path, record)
             if not overwrite:
@@ -126,17 +126,17 @@ def query(
         old_hash = {"sha256": record["sha256"]} if path.exists() and "sha256" in record else {}
         record = {} if overwrite else record
         job = record.get("job") if all(record.get(key) == value for key, value in request.items()) else None
-        job = job if _is_job_of(job, url) else None
+        job = job if _is_job_of_service(job, url) else None
         row_limit = None if max_rows is None else whole("max_rows", max_rows)
-        job = _find_usable_job(job) or _submit_job(adql, url, row_limit, upload)
-        _write_note(note, request | {"job": job} | old_hash)
+        job = _keep_usable_job(job) or _submit_job(adql, url, row_limit, upload)
+        _write_note(note_path, request | {"job": job} | old_hash)
         _wait_for_job(job, positive("patience", patience), positive("interval", interval), progress)
         with atomic_write(path, overwrite) as temporary_path:
             deadline = time.monotonic() + patience
             _download(f"{job}/results/result", temporary_path, deadline, positive("max_bytes", max_bytes), progress)
-            rows, sha = _count_complete_rows(temporary_path, max_rows), digest(temporary_path)
+            n_rows, sha = _count_complete_rows(temporary_path, max_rows), digest(temporary_path)
             timestamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-            _write_note(note, request | {"rows": rows, "fetched": timestamp, "sha256": sha})
+            _write_note(note_path, request | {"rows": n_rows, "fetched": timestamp, "sha256": sha})
         return path
 
 
@@ -223,7 +223,7 @@ def _submit_job(adql, url, max_rows, upload=None, table_format="fits"):
     return job
 
 
-def _is_job_of(job, url):
+def _is_job_of_service(job, url):
     """Return whether an address is one of a service: a note may have been written by anybody."""
     if not isinstance(job, str):
         return False
@@ -231,17 +231,17 @@ def _is_job_of(job, url):
     return (address.scheme, address.netloc) == (service.scheme, service.netloc)
 
 
-def _find_usable_job(job):
+def _keep_usable_job(job):
     """A job of before, if the server still knows it and it did not fail."""
     if job is None:
         return None
     try:
-        return job if _read_phase(job) in (*_WAITING_PHASES, "COMPLETED") else None
+        return job if _read_job_phase(job) in (*_WAITING_PHASES, "COMPLETED") else None
     except _RefusedError:
         return None
 
 
-def _read_phase(job, deadline=None):
+def _read_job_phase(job, deadline=None):
     with _open_url(f"{job}/phase", deadline=deadline) as answer:
         phase = _read_at_most(answer, 1000, _compute_short_deadline(deadline)).decode("utf-8", "replace").strip()
     if phase not in (*_WAITING_PHASES, *_ENDED_PHASES):
@@ -255,17 +255,17 @@ def _compute_short_deadline(deadline=None):
     return soon if deadline is None else min(soon, max(deadline, time.monotonic() + 1.0))
 
 
-def _read_at_most(answer, size, deadline):
+def _read_at_most(answer, max_bytes, deadline):
     """Read a limited number of bytes of an answer, until `deadline` at the latest; all that it announced, or none."""
     body = bytearray()
     try:
-        while len(body) < size and (block := answer.read1(size - len(body))):
+        while len(body) < max_bytes and (block := answer.read1(max_bytes - len(body))):
             body += block
             if time.monotonic() > deadline:
                 raise ArchiveError("the server sends too slowly: the same call later waits on")
     except (OSError, http.client.HTTPException) as error:
         raise ArchiveError(f"{answer.geturl()}: the connection broke ({first_line(error)}); try again") from error
-    if answer.length and len(body) < size:
+    if answer.length and len(body) < max_bytes:
         raise ArchiveError(
             f"{answer.geturl()}: {len(body)} of {len(body) + answer.length} bytes came; the same call fetches it again"
         )
@@ -273,20 +273,20 @@ def _read_at_most(answer, size, deadline):
 
 
 def _wait_for_job(job, patience, interval, progress):
-    deadline, failures, is_started = time.monotonic() + patience, 0, False
+    deadline, n_failures, is_started = time.monotonic() + patience, 0, False
     with progress_bar(words="the archive is at work", shown=progress, unit=" s", bar_format="{desc}: {elapsed}") as bar:
         while True:
             try:
-                phase = _read_phase(job, deadline)
+                phase = _read_job_phase(job, deadline)
                 if phase in _STOPPED_PHASES and not is_started:
                     _open_url(f"{job}/phase", {"PHASE": "RUN"}, deadline).close()
                     is_started = True
-                failures = 0
+                n_failures = 0
             except _RefusedError:
                 raise
             except ArchiveError:
-                failures += 1
-                if failures > 3:  # a network may be away for a moment
+                n_failures += 1
+                if n_failures > 3:  # a network may be away for a moment
                     raise
                 phase = "UNKNOWN"
             if phase not in _WAITING_PHASES:
@@ -299,7 +299,7 @@ def _wait_for_job(job, patience, interval, progress):
             interval = min(1.3 * interval, 30.0)
     if phase != "COMPLETED":
         with _open_url(f"{job}/error") as answer:
-            message = _extract_message(_read_at_most(answer, _BLOCK_BYTES, _compute_short_deadline()))
+            message = _extract_error(_read_at_most(answer, _BLOCK_BYTES, _compute_short_deadline()))
         raise ArchiveError(f"the query ended {phase.lower()}: {message or 'the server does not say why'}")
 
 
@@ -307,9 +307,9 @@ def _download(address, path, deadline, max_bytes, progress):
     """An answer into a file: until `deadline` by the monotonic clock, and of at most so many bytes."""
     with _open_url(address, deadline=deadline) as answer, path.open("wb") as file:
         length = answer.headers.get("Content-Length") or ""
-        size = int(length) if length.isascii() and length.isdigit() else 0
-        _check_room(size, path, max_bytes)
-        with progress_bar(total=size or None, words="fetching", shown=progress, unit="B", unit_scale=True) as bar:
+        n_bytes = int(length) if length.isascii() and length.isdigit() else 0
+        _check_answer_fits(n_bytes, path, max_bytes)
+        with progress_bar(total=n_bytes or None, words="fetching", shown=progress, unit="B", unit_scale=True) as bar:
             while True:
                 try:
                     block = answer.read1(_BLOCK_BYTES)
@@ -330,25 +330,25 @@ def _download(address, path, deadline, max_bytes, progress):
                     raise ArchiveError(
                         f"{address}: the answer is larger than {max_bytes:g} bytes (max_bytes): ask for less"
                     )
-        if size and file.tell() != size:
-            raise ArchiveError(f"{address}: {file.tell()} of {size} bytes came; the same call fetches it again")
+        if n_bytes and file.tell() != n_bytes:
+            raise ArchiveError(f"{address}: {file.tell()} of {n_bytes} bytes came; the same call fetches it again")
 
 
-def _check_room(size, path, max_bytes):
+def _check_answer_fits(n_bytes, path, max_bytes):
     """Raise ArchiveError before the first byte of an answer that is too large."""
-    if size > max_bytes:
-        raise ArchiveError(f"the answer has {size} bytes, more than {max_bytes:g} (max_bytes): ask for less")
+    if n_bytes > max_bytes:
+        raise ArchiveError(f"the answer has {n_bytes} bytes, more than {max_bytes:g} (max_bytes): ask for less")
     free_space = shutil.disk_usage(path.parent).free
-    if size > free_space:
-        raise ArchiveError(f"the answer has {size} bytes, and the disk has room for {free_space}")
+    if n_bytes > free_space:
+        raise ArchiveError(f"the answer has {n_bytes} bytes, and the disk has room for {free_space}")
 
 
 def _count_complete_rows(path, max_rows):
     """Count the rows of the table, once it is known to be complete."""
     with path.open("rb") as file:
-        start = file.read(_BLOCK_BYTES)
-    if start.lstrip()[:5] in (b"<?xml", b"<VOTA"):  # TAP's way to say that something is wrong
-        raise ArchiveError(f"the server sent no FITS table: {_extract_message(start) or 'a VOTable'}")
+        first_block = file.read(_BLOCK_BYTES)
+    if first_block.lstrip()[:5] in (b"<?xml", b"<VOTA"):  # TAP's way to say that something is wrong
+        raise ArchiveError(f"the server sent no FITS table: {_extract_error(first_block) or 'a VOTable'}")
     try:
         rows = tables.count_fits_rows(path, path.name)
     except TableError as error:
@@ -369,13 +369,13 @@ class _RefusedError(ArchiveError):
 def _encode_multipart(form, upload):
     """Body and type of a form with a file, as browsers send them (RFC 7578)."""
     boundary = f"vsh{hashlib.sha256(upload).hexdigest()}"
-    fields = [(f'form-data; name="{name}"', "", str(value).encode()) for name, value in form.items()]
-    fields.append(
+    form_fields = [(f'form-data; name="{name}"', "", str(value).encode()) for name, value in form.items()]
+    form_fields.append(
         (f'form-data; name="{SENT}"; filename="{SENT}.vot"', "Content-Type: application/x-votable+xml\r\n", upload)
     )
     body_parts = [
         f"--{boundary}\r\nContent-Disposition: {head}\r\n{content_type}\r\n".encode() + value + b"\r\n"
-        for head, content_type, value in fields
+        for head, content_type, value in form_fields
     ]
     return b"".join([*body_parts, f"--{boundary}--\r\n".encode()]), f"multipart/form-data; boundary={boundary}"
 
@@ -391,13 +391,13 @@ def _open_url(url, form=None, deadline=None, upload=None):
     request = urllib.request.Request(url, body, headers)
     answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
-    def ask():
+    def send_request():
         try:
             answers.put(urllib.request.urlopen(request, timeout=_TIMEOUT))
         except BaseException as error:  # handed on to whoever waits
             answers.put(error)
 
-    threading.Thread(target=ask, daemon=True).start()
+    threading.Thread(target=send_request, daemon=True).start()
     try:
         answer = answers.get(timeout=max(_compute_short_deadline(deadline) - time.monotonic(), 0.1))
     except queue.Empty:
@@ -406,7 +406,7 @@ def _open_url(url, form=None, deadline=None, upload=None):
         return answer
     if isinstance(answer, urllib.error.HTTPError):
         with answer:
-            message = _extract_message(_read_at_most(answer, _BLOCK_BYTES, _compute_short_deadline()))
+            message = _extract_error(_read_at_most(answer, _BLOCK_BYTES, _compute_short_deadline()))
         raise _RefusedError(f"{url} answered {answer.code}: {message or answer.reason}") from answer
     if isinstance(answer, (OSError, http.client.HTTPException, ValueError)):
         reason = getattr(answer, "reason", None) or answer
@@ -414,7 +414,7 @@ def _open_url(url, form=None, deadline=None, upload=None):
     raise answer
 
 
-def _extract_message(body):
+def _extract_error(body):
     """Extract the error message of a VOTable, XML or plain text, in one line."""
     text = body.decode("utf-8", "replace")
     try:

@@ -12,8 +12,8 @@ from astropy import units as u
 
 from vsh.io import tables
 from vsh.io.catalogue import _names
-from vsh.io.catalogue._names import NAMED, ColumnRequest, Columns, find_correlations, name_and_unit
-from vsh.io.columns import ASSUMED, REQUIRED, factor_to, missing_column, parse_unit
+from vsh.io.catalogue._names import NAMED, ColumnRequest, Columns, find_correlation_columns, split_name_and_unit
+from vsh.io.columns import ASSUMED, REQUIRED, find_factor_to, missing_column, parse_unit
 from vsh.io.tables import TableSource
 from vsh.sky.frames import MEASURED_KEY
 from vsh.tools.bad_rows import as_floats_and_mask, is_within, span_of
@@ -67,32 +67,32 @@ def as_columns(columns: Any) -> ColumnRequest:
     roles = [f.name for f in fields(Columns)]
     unknown_roles = [str(role) for role in names if role not in roles]
     if unknown_roles:
-        apart = "; frame= and redshift_frame= are arguments of their own" * ("frame" in " ".join(unknown_roles))
-        raise TableError(f"columns: nothing is called {', '.join(unknown_roles)}; there are {', '.join(roles)}{apart}")
+        hint = "; frame= and redshift_frame= are arguments of their own" * ("frame" in " ".join(unknown_roles))
+        raise TableError(f"columns: nothing is called {', '.join(unknown_roles)}; there are {', '.join(roles)}{hint}")
     return ColumnRequest(replace(NAMED[set_name], **names), None if "names" in columns else tuple(names))
 
 
-def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str, str], list[str]]:
+def locate_columns(request: ColumnRequest, source: TableSource) -> tuple[dict[str, str], list[str]]:
     """Find the columns of a table that a field needs, and notes."""
-    column_names, notes, absent = {}, [], []
-    columns, set_name = wanted.choose_names(source.names)
+    column_of, notes, absent = {}, [], []
+    columns, set_name = request.choose_names(source.names)
     for f in fields(Columns):
         name = getattr(columns, f.name)
         if name is None and f.name not in REQUIRED:
             continue
         present = [candidate for candidate in _names.list_candidates(name) if candidate in source.names]
         if present:
-            column_names[f.name] = present[0]
+            column_of[f.name] = present[0]
         elif name is None or isinstance(name, str):
             absent.append((f.name, name))
         elif f.name == "pmra_pmdec_corr":
-            notes += _describe_missing_correlations(name, source, column_names.get("pmra"))
+            notes += _describe_missing_correlations(name, source, column_of.get("pmra"))
         elif f.name in ("solution", "quality"):
             notes += _describe_unused_flags(f.name, name, source)
     # What a field wrote of itself it reads: elsewhere a column called distance or parallax may be anything.
     for role in str(source.meta.get(MEASURED_KEY, "")).split():
-        if role in UNIT_REQUIRED and role in source.names and role not in (wanted.asked or ()):
-            column_names.setdefault(role, role)
+        if role in UNIT_REQUIRED and role in source.names and role not in (request.asked_roles or ()):
+            column_of.setdefault(role, role)
     if absent:
         (role, name), *remainder = absent
         remark = (
@@ -111,40 +111,40 @@ def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str
             )
         best_columns, set_name = ColumnRequest().choose_names(source.names)
         is_known_set = set_name and all(getattr(best_columns, column) in source.names for column in REQUIRED)
-        proposal = _propose_columns([role for role, _ in absent], column_names, source)
+        proposal = _propose_columns([role for role, _ in absent], column_of, source)
         answer = f"columns={set_name!r} (--columns {set_name})" if is_known_set else proposal
         raise TableError(f"{source.label}: {missing_column(name, source)}{remark}. Say which it is: {answer}")
-    if twins := [name for name in column_names.values() if name in source.twins]:
-        role = next(role for role, column in column_names.items() if column == twins[0])
+    if twins := [name for name in column_of.values() if name in source.twins]:
+        role = next(role for role, column in column_of.items() if column == twins[0])
         raise TableError(
             f"{source.label}: several columns are called {', '.join(map(repr, twins))}, and which is meant cannot be "
             f"told. Rename all but one, or name the second: --columns {shlex.quote(role)}="
             f"{shlex.quote(twins[0] + '_2')}"
         )
     if set_name:
-        listing = ", ".join(f"{role} = {printable(column_names[role])}" for role in REQUIRED if role in column_names)
+        listing = ", ".join(f"{role} = {printable(column_of[role])}" for role in REQUIRED if role in column_of)
         notes.insert(0, f"columns by their names ({set_name}): {listing}")
-    for name in dict.fromkeys(column_names.values()):
-        roles = [role for role in REQUIRED if column_names.get(role) == name]
+    for name in dict.fromkeys(column_of.values()):
+        roles = [role for role in REQUIRED if column_of.get(role) == name]
         if len(roles) > 1 and not name.startswith(ASSUMED):
             notes.append(f"column {printable(name)} is used for {' and '.join(roles)}")
-    return column_names, notes
+    return column_of, notes
 
 
-def _propose_columns(absent, column_names, source):
+def _propose_columns(absent_roles, column_of, source):
     """The words that answer a question for columns: those of the likeliest names, and of units that nobody says."""
-    guesses = _names.guess_names(column_names, source.names)
-    choice = {role: guesses.get(role, "…") for role in absent}
-    all_names = column_names | choice
+    guesses = _names.guess_missing_columns(column_of, source.names)
+    proposed_names = {role: guesses.get(role, "…") for role in absent_roles}
+    all_names = column_of | proposed_names
     unitless = [all_names.get(role, "…") for role in REQUIRED[2:]]
-    unitless = [name for name in unitless if name != "…" and find_unit(name, {}, source) is None]
-    options = {"columns": choice}
-    if unitless and "…" not in choice.values():
+    unitless = [name for name in unitless if name != "…" and find_column_unit(name, {}, source) is None]
+    options = {"columns": proposed_names}
+    if unitless and "…" not in proposed_names.values():
         options["units"] = dict.fromkeys(unitless, "mas/yr")
-    python = ", ".join(f"{name}={mapping!r}" for name, mapping in options.items())
+    python_text = ", ".join(f"{name}={mapping!r}" for name, mapping in options.items())
     words = {name: ",".join(f"{key}={value}" for key, value in mapping.items()) for name, mapping in options.items()}
-    shell = " ".join(f"--{name} {shlex.quote(text)}" for name, text in words.items())
-    return f"{python} ({shell})" + (", or another unit" if "units" in options else "")
+    shell_text = " ".join(f"--{name} {shlex.quote(text)}" for name, text in words.items())
+    return f"{python_text} ({shell_text})" + (", or another unit" if "units" in options else "")
 
 
 def _describe_unused_flags(role, names, source):
@@ -157,7 +157,7 @@ def _describe_unused_flags(role, names, source):
 
 def _describe_missing_correlations(names, source, motion):
     """Notes on a table without correlations where they are looked for; those of other motions are not proposed."""
-    correlations = find_correlations(source)
+    correlations = find_correlation_columns(source)
     motions = [n for n in source.names if n not in correlations and not re.search("err|sig|unc|std|parallax|plx", n)]
     affixes = {_names.find_affixes(name, "pmra") for name in motions} - {_names.find_affixes(motion, "pmra"), ("", "")}
     similar = [name for name in correlations if not any(name.startswith(b) and name.endswith(a) for b, a in affixes)]
@@ -217,12 +217,12 @@ _MAX_MOTION = 3e6
 _SMALL_SHARE = 0.1
 
 
-def describe_odd_sizes(field: Any, min_sources: int = 20, *, is_assumed: bool = False) -> list[str]:
+def describe_odd_values(field: Any, min_sources: int = 20, *, is_unit_assumed: bool = False) -> list[str]:
     """Warnings of numbers that no survey has, with the likely cause; nothing is changed.
 
     Where the unit of motions is assumed, smaller numbers are doubted already.
     """
-    error_limits = _PLAUSIBLE_ERRORS[0], _PLAUSIBLE_ERRORS[1] / (2 if is_assumed else 1)
+    error_limits = _PLAUSIBLE_ERRORS[0], _PLAUSIBLE_ERRORS[1] / (2 if is_unit_assumed else 1)
     sigma, motion = field.sigma, field.motion
     if len(field) < min_sources or (motion == 0).all():
         return []
@@ -273,7 +273,7 @@ class RowSelection:
         self._where.check((*source.names, *self._roles), source.label)
         self.names = tuple(dict.fromkeys(self._roles.get(name, name) for name in self._where.names))
 
-    def of(self, block: Mapping[str, Any], first_row: int) -> tuple[dict[str, Any], Any, list[str]]:
+    def select_rows(self, block: Mapping[str, Any], first_row: int) -> tuple[dict[str, Any], Any, list[str]]:
         """The selected rows of a block, their numbers, and a note that counts the others."""
         condition_columns = {name: block[self._roles.get(name, name)] for name in self._where.names}
         selection, missing = self._where.select_rows(condition_columns or block)
@@ -282,7 +282,7 @@ class RowSelection:
         fingerprint = np.packbits(selection), np.array([first_row]), *(array for array, _ in list(block.values())[:2])
         note = UnselectedRows.of_table(counts, len(selection), *fingerprint, names=(self._where.shown,))
         if not selection.any():
-            raise make_selection_error((note,))
+            raise make_empty_selection_error((note,))
         rows = np.flatnonzero(selection)
         selected_block = {
             name: (values[rows], None if mask is None else np.asarray(mask)[rows])
@@ -291,7 +291,7 @@ class RowSelection:
         return selected_block, first_row + rows, [note]
 
 
-def make_selection_error(notes: Iterable[str]) -> EmptySelectionError:
+def make_empty_selection_error(notes: Iterable[str]) -> EmptySelectionError:
     """The error of a table without a selected row."""
     error = EmptySelectionError("no row is left by --where: " + "; ".join(map(str, notes)))
     error.notes = tuple(notes)
@@ -310,28 +310,28 @@ def find_conversion_factors(
     assumed_units: dict[str, list[str]] = {}
     missing_units: dict[str, str] = {}
     # Motions and errors without a unit are all in that of pmra.
-    like_gaia = REQUIRED[3:] if column_of.get("pmra", "").lower() == "pmra" else ()
+    gaia_like_roles = REQUIRED[3:] if column_of.get("pmra", "").lower() == "pmra" else ()
     for role in [role for role in (*REQUIRED, *FURTHER_UNITS) if role in column_of]:
-        name, target = column_of[role], UNITS.get(role, FURTHER_UNITS.get(role))
-        unit = find_unit(name, units, source)
+        name, target_unit = column_of[role], UNITS.get(role, FURTHER_UNITS.get(role))
+        unit = find_column_unit(name, units, source)
         if role == "ra" and str(unit).strip().lower() in ("h", "hr", "hour", "hours"):
             unit = "hourangle"
         if unit is not None:
-            role_factors[role] = _find_factor_of_role(role, name, unit, target, name in units)
-        elif role in _UNIT_OF and (unit := find_unit(column_of[_UNIT_OF[role]], units, source)) is not None:
+            role_factors[role] = _find_role_factor(role, name, unit, target_unit, name in units)
+        elif role in _UNIT_OF and (unit := find_column_unit(column_of[_UNIT_OF[role]], units, source)) is not None:
             # An error is in the unit of what it is the error of, unless the table states another.
-            motion = column_of[_UNIT_OF[role]]
-            assumed_units.setdefault(f"{_format_unit(unit)}, the unit of {printable(motion)}", []).append(name)
-            role_factors[role] = factor_to(motion, unit, target, motion in units)
+            motion_name = column_of[_UNIT_OF[role]]
+            assumed_units.setdefault(f"{_format_unit(unit)}, the unit of {printable(motion_name)}", []).append(name)
+            role_factors[role] = find_factor_to(motion_name, unit, target_unit, motion_name in units)
         elif assumed_unit is not None and role in REQUIRED[2:]:
             assumed_units.setdefault(assumed_unit, []).append(name)
-            role_factors[role] = factor_to(name, assumed_unit, target, False)
-        elif role in ("ra", "dec") or (role in _GAIA_UNITS and name.lower() == role) or role in like_gaia:
-            assumed_units.setdefault(_format_unit(target), []).append(name)
+            role_factors[role] = find_factor_to(name, assumed_unit, target_unit, False)
+        elif role in ("ra", "dec") or (role in _GAIA_UNITS and name.lower() == role) or role in gaia_like_roles:
+            assumed_units.setdefault(_format_unit(target_unit), []).append(name)
             role_factors[role] = 1.0
         elif role in REQUIRED or role in UNIT_REQUIRED:
             is_modulus = role.startswith("distance") and _OF_MODULI.search(name)
-            missing_units[name] = "mag" if is_modulus else _format_unit(target)
+            missing_units[name] = "mag" if is_modulus else _format_unit(target_unit)
     if missing_units:
         names = ", ".join(map(repr, missing_units))
         subject = f"columns {names} have" if len(missing_units) > 1 else f"column {names} has"
@@ -350,9 +350,9 @@ _UNIT_OF = {"pmra_error": "pmra", "pmdec_error": "pmdec"}
 _GAIA_UNITS = (*REQUIRED, "parallax", "parallax_error")
 
 
-def find_unit(name: str, units: Mapping[str, Any], source: TableSource) -> Any:
+def find_column_unit(name: str, units: Mapping[str, Any], source: TableSource) -> Any:
     """The unit of a column: the user's, the table's, or that in its name; None where nobody says it."""
-    for unit in (units.get(name), source.units.get(name), name_and_unit(name)[1]):
+    for unit in (units.get(name), source.units.get(name), split_name_and_unit(name)[1]):
         if unit is not None and str(unit).strip():
             return unit
     return None
@@ -363,24 +363,24 @@ def _format_unit(unit):
     return str(unit)
 
 
-def describe_mixed_units(column_of: Mapping[str, str], units: Mapping[str, Any]) -> list[str]:
+def describe_mixed_units(column_of: Mapping[str, str], factors: Mapping[str, Any]) -> list[str]:
     """A note where motions and their errors are not all in one unit, which is seldom meant."""
-    roles = [role for role in REQUIRED[2:] if role in units]
-    scales = {role: units[role] for role in roles if not column_of[role].startswith(ASSUMED)}
+    roles = [role for role in REQUIRED[2:] if role in factors]
+    scales = {role: factors[role] for role in roles if not column_of[role].startswith(ASSUMED)}
     if len({float(f"{size:.9g}") for size in scales.values()}) < 2:
         return []
     listing = ", ".join(f"{printable(column_of[role])} in units of {size:.6g} mas/yr" for role, size in scales.items())
     return [CodedNote(f"proper motions and errors are in different units: is that so? ({listing})", ASSUMED_UNITS)]
 
 
-def _find_factor_of_role(role, name, unit, target, from_user):
+def _find_role_factor(role, name, unit, target, from_user):
     """The factor of a column that may be a pure number, a magnitude or a distance."""
     try:
         astropy_unit = parse_unit(unit)
     except (ValueError, TypeError):
         if target == u.dimensionless_unscaled and str(unit).strip().lower() in _WORDS_FOR_NO_UNIT:
             return 1.0
-        return factor_to(name, unit, target, from_user)  # which says what is wrong
+        return find_factor_to(name, unit, target, from_user)  # which says what is wrong
     if role == "magnitude":  # of any zero point: magnitudes are separated by their differences alone
         if astropy_unit == u.dimensionless_unscaled or astropy_unit == u.mag or isinstance(astropy_unit, u.MagUnit):
             return 1.0
@@ -406,7 +406,7 @@ def _find_factor_of_role(role, name, unit, target, from_user):
                 f"column {name!r} is in {printable(unit)!r}, which cannot be turned into Mpc: if it is a parallax, say "
                 f"so, --columns {shlex.quote(f'parallax={name}')},parallax_error=NAME"
             )
-    return factor_to(name, unit, target, from_user)
+    return find_factor_to(name, unit, target, from_user)
 
 
 #: Words that tables have where there is no unit.
@@ -415,7 +415,7 @@ _WORDS_FOR_NO_UNIT = ("none", "-", "--", "---", "unitless", "dimensionless", "nu
 MODULUS = -1.0
 
 
-def convert_modulus(columns: dict[str, Any]) -> list[str]:
+def convert_moduli_to_distances(columns: dict[str, Any]) -> list[str]:
     """Transverse distances [Mpc] and their errors in place of distance moduli [mag], which are of luminosity; notes."""
     distance = 10 ** ((columns["distance"] - 25) / 5)
     notes = []

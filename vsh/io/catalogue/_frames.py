@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsh.io.catalogue._names import name_and_unit
+from vsh.io.catalogue._names import split_name_and_unit
 from vsh.io.tables import TableSource
 from vsh.sky.frames import (
     FRAME_KEY,
@@ -74,7 +74,7 @@ def find_frames(column_of: Mapping[str, str], frame: str | None, source: TableSo
     TableError
         If the table states axes that are not read, or names alone do not tell them.
     """
-    ra_frame = _find_frame_by_names(column_of.get("ra"), column_of.get("dec"))
+    ra_frame = _find_position_frame(column_of.get("ra"), column_of.get("dec"))
     labels = [column_of.get(role, "") for role in (*_POSITIONS, "pmra", "pmdec")]
     b1950_names, supergalactic = filter(_B1950_NAME.search, labels[:2]), filter(_SUPERGALACTIC_NAME.fullmatch, labels)
     for kind, matches in (("positions of B1950", b1950_names), ("supergalactic axes", supergalactic)):
@@ -83,7 +83,7 @@ def find_frames(column_of: Mapping[str, str], frame: str | None, source: TableSo
                 f"column {printable(name)!r}: {kind} are not read. Turn them to ICRS first, or say frame= (--columns "
                 "frame=) if the name is wrong"
             )
-    motion_frame = _find_frame_of_motions(column_of)
+    motion_frame = _find_motion_frame(column_of)
     _check_error_axes(column_of, motion_frame)
     stated, notes = (None, ()) if frame is not None else _read_stated_frame(column_of, source)
     known_frame = check_frame(frame) if frame is not None else stated if ra_frame in (None, stated) else None
@@ -96,7 +96,7 @@ def find_frames(column_of: Mapping[str, str], frame: str | None, source: TableSo
     if ra_frame and motion_frame == ra_frame:
         return TableFrames(ra_frame, ra_frame, (f"{ra_frame} axes, by the names of the columns",))
     if ra_frame:
-        role = next(role for role in _POSITIONS if _find_frame_by_names(column_of.get(role)))
+        role = next(role for role in _POSITIONS if _find_position_frame(column_of.get(role)))
         raise TableError(
             f"column {column_of[role]!r} is given as {role}: are these {ra_frame} coordinates? Say frame={ra_frame!r} "
             f'(--columns frame={ra_frame}), or frame="icrs"'
@@ -104,30 +104,30 @@ def find_frames(column_of: Mapping[str, str], frame: str | None, source: TableSo
     return TableFrames("icrs", "icrs", notes)
 
 
-def _find_frame_by_names(*names):
+def _find_position_frame(*names):
     """The frame that names of positions are of, other than ICRS."""
-    plain_names = [re.sub(r"[^a-z]", "", name_and_unit(name)[0].lower()) for name in names if name]
+    plain_names = [re.sub(r"[^a-z]", "", split_name_and_unit(name)[0].lower()) for name in names if name]
     return next((frame for frame, known in _BY_NAME.items() if any(name in known for name in plain_names)), None)
 
 
-def _find_frame_of_motions(column_of, suffix=""):
+def _find_motion_frame(column_of, suffix=""):
     """The frame that the names of both components of the motions are of, or of what has the suffix; or None."""
     names = [column_of[f"{role}{suffix}"] for role in ("pmra", "pmdec") if f"{role}{suffix}" in column_of]
-    plain_names = [_ERROR_WORDS.sub("", name_and_unit(name)[0]).strip("_ ") for name in names]
+    plain_names = [_ERROR_WORDS.sub("", split_name_and_unit(name)[0]).strip("_ ") for name in names]
     frames = [frame for frame, pattern in _MOTIONS.items() if all(map(pattern.fullmatch, plain_names))]
     return frames[0] if frames and len(names) == 2 else None
 
 
-def _check_error_axes(column_of, of_motions):
+def _check_error_axes(column_of, motion_axes):
     """Raise TableError where errors have the names of other axes than the motions have."""
-    of_errors = _find_frame_of_motions(column_of, "_error")
+    error_axes = _find_motion_frame(column_of, "_error")
     roles = ("pmra", "pmdec", "pmra_error", "pmdec_error")
     is_of_any_axes = any(re.search(r"(pm|mu)_?(lon|lat)", column_of.get(role, ""), re.IGNORECASE) for role in roles)
-    if of_motions and of_errors and of_motions != of_errors and not is_of_any_axes:  # longitudes are of any axes
+    if motion_axes and error_axes and motion_axes != error_axes and not is_of_any_axes:  # longitudes are of any axes
         names = [printable(column_of[role]) for role in roles]
         raise TableError(
-            f"motions {names[0]} and {names[1]} are of {of_motions} axes, errors {names[2]} and {names[3]} of "
-            f"{of_errors} ones, by their names: errors and correlations have to be turned with the motions. Read both "
+            f"motions {names[0]} and {names[1]} are of {motion_axes} axes, errors {names[2]} and {names[3]} of "
+            f"{error_axes} ones, by their names: errors and correlations have to be turned with the motions. Read both "
             "in one system and turn the field (Field.to_frame, --frame), or rename the errors if they are of these axes"
         )
 

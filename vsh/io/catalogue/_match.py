@@ -10,7 +10,7 @@ import numpy as np
 
 from vsh.field import MEASURED, Field
 from vsh.io import tables
-from vsh.io.catalogue._columns import RowSelection, check_degrees, find_unit, parse_sexagesimal
+from vsh.io.catalogue._columns import RowSelection, check_degrees, find_column_unit, parse_sexagesimal
 from vsh.io.catalogue._names import ColumnRequest
 from vsh.io.columns import missing_column, unit_factor
 from vsh.sky.frames import AXES, Positions
@@ -75,8 +75,8 @@ def rename_sources(catalogue: Any, crosswalk: Any) -> Any:
     order = np.argsort(values[distances[0]], kind="stable") if distances else np.arange(len(values[columns[0]]))
     names = np.asarray(catalogue.name).astype(str)
     ours, theirs = sorted(columns, key=lambda name: -np.isin(values[name].astype(str), names).sum())
-    nearest = {str(values[ours][row]): row for row in order[::-1]}
-    rows = np.array([nearest.get(name, -1) for name in names])
+    nearest_row = {str(values[ours][row]): row for row in order[::-1]}
+    rows = np.array([nearest_row.get(name, -1) for name in names])
     if (rows < 0).all():
         raise TableError(f"{table.label}: neither {columns[0]} nor {columns[1]} holds the names of the catalogue")
     new_names = values[theirs][rows]
@@ -124,8 +124,8 @@ class Offsets(Field):
 
     unit = "µas"
 
-    def _table(self):
-        columns, units, facts = super()._table()
+    def _make_table_columns(self):
+        columns, units, facts = super()._make_table_columns()
         names = {name: name.replace("pm", "d") for name in columns}  # dra, ddec, dra_error, … in place of pmra, …
         units = {names[name]: unit.removesuffix(" / yr") for name, unit in units.items()}
         return {names[name]: values for name, values in columns.items()}, units, facts
@@ -164,9 +164,9 @@ def match(
         If they are not of one kind, have no names to match by, or sources of one name are not in one place.
     """
     i, j, ambiguous = counterparts(a, b, by=by, radius=radius) if pairs is None else pairs
-    positions = isinstance(a, Positions)
-    b = b.at_epoch(a.epoch) if positions else b
-    difference = _compute_offsets(a, b, i, j) if positions else a.motion[:, i] - b.motion[:, j]
+    are_positions = isinstance(a, Positions)
+    b = b.at_epoch(a.epoch) if are_positions else b
+    difference = _compute_offsets(a, b, i, j) if are_positions else a.motion[:, i] - b.motion[:, j]
     covariance = _select_covariances(a, i) + _select_covariances(b, j)
     sigma = np.sqrt(covariance[:2])
     unmatched_counts = f"{len(a) - len(i)} of {len(a)} and {len(b) - len(j)} of {len(b)}"
@@ -175,7 +175,7 @@ def match(
         "them with several counterparts"
     ]
     if by == "name":
-        separation = np.hypot(*difference) if positions else _compute_excess_separations(a, b, i, j)
+        separation = np.hypot(*difference) if are_positions else _compute_excess_separations(a, b, i, j)
         n_distant = int((separation > 1e6).sum())
         if n_distant > max(_FAR_APART * len(i), 3):
             k = int(np.argmax(separation > 1e6))
@@ -188,10 +188,10 @@ def match(
             names = ", ".join(one_line_text(name) for name in a.name[i][separation > 1e6][:3])
             notes.append(f"{n_distant} of the pairs are more than 1 arcsec apart ({names}): are they the same sources?")
     rho = covariance[2] / (sigma[0] * sigma[1])
-    about: dict[str, Any] = {"name": _pick(a.name, i), "frame": a.frame, "notes": (*a.notes, *b.notes, *notes)}
-    if positions:
+    about: dict[str, Any] = {"name": _pick_if_any(a.name, i), "frame": a.frame, "notes": (*a.notes, *b.notes, *notes)}
+    if are_positions:
         return Offsets(a.lon[i], a.lat[i], difference, sigma, rho, **about)
-    about |= {column: _pick(getattr(a, column), i) for column in MEASURED} | {"redshift_frame": a.redshift_frame}
+    about |= {column: _pick_if_any(getattr(a, column), i) for column in MEASURED} | {"redshift_frame": a.redshift_frame}
     return Field(a.lon[i], a.lat[i], difference, sigma, rho, **about)
 
 
@@ -226,11 +226,11 @@ def _match_by_position(a, b, radius):
     from scipy.spatial import cKDTree  # half of what reading a bad file would take
 
     trees = [cKDTree(triad(catalogue.lon, catalogue.lat)[2].T) for catalogue in (a, b)]
-    pairs = trees[0].query_ball_tree(trees[1], chord)
-    counts = np.array([len(neighbours) for neighbours in pairs])
-    reverse_counts = np.bincount([k for neighbours in pairs for k in neighbours], minlength=len(b))
-    i = np.array([k for k, near in enumerate(pairs) if len(near) == 1 and reverse_counts[near[0]] == 1], int)
-    j = np.array([pairs[k][0] for k in i], int)
+    neighbour_lists = trees[0].query_ball_tree(trees[1], chord)
+    counts = np.array([len(neighbours) for neighbours in neighbour_lists])
+    reverse_counts = np.bincount([k for neighbours in neighbour_lists for k in neighbours], minlength=len(b))
+    i = np.array([k for k, near in enumerate(neighbour_lists) if len(near) == 1 and reverse_counts[near[0]] == 1], int)
+    j = np.array([neighbour_lists[k][0] for k in i], int)
     n_with_neighbours = np.count_nonzero(counts) + np.count_nonzero(reverse_counts)
     return (i, j), int(n_with_neighbours - 2 * len(i))
 
@@ -249,14 +249,14 @@ def _compute_excess_separations(a, b, i, j):
     return np.linalg.norm(difference, axis=0) / UAS - 100 * np.hypot(*a.motion[:, i])
 
 
-def _select_covariances(catalogue, index):
+def _select_covariances(catalogue, indices):
     """Variances and covariance, (3, k)."""
-    s1, s2 = catalogue.sigma[:, index]
-    return np.stack([s1**2, s2**2, catalogue.rho[index] * s1 * s2])
+    s1, s2 = catalogue.sigma[:, indices]
+    return np.stack([s1**2, s2**2, catalogue.rho[indices] * s1 * s2])
 
 
-def _pick(column, index):
-    return None if column is None else column[index]
+def _pick_if_any(column, indices):
+    return None if column is None else column[indices]
 
 
 def read_icrf(path: PathName, name: str | None = "icrf", *, on_bad: OnBad = "raise") -> Positions:
@@ -295,14 +295,14 @@ _IDENTIFIER_NAMES = ("source_id", "name", "source_name", "designation", "iers", 
 _PLAUSIBLE_ERRORS = 1e-3, 50.0
 
 
-def _choose_column_names(names):
+def _choose_position_columns(names):
     """The columns of a table that have the roles, of names that are not of other axes; Gaia's where none has."""
-    roles = {role: role for role in (*_UNITS_BY_ROLE, *_OPTIONAL_ROLES)}
-    chosen, set_name = ColumnRequest().choose_names(names)
-    if set_name not in AXES and {chosen.ra, chosen.dec} <= set(names):
-        roles |= {"ra": str(chosen.ra), "dec": str(chosen.dec)}
-        roles |= {role: name for role, name in _VIZIER_NAMES.items() if role not in names and name in names}
-    return roles
+    column_of = {role: role for role in (*_UNITS_BY_ROLE, *_OPTIONAL_ROLES)}
+    column_set, set_name = ColumnRequest().choose_names(names)
+    if set_name not in AXES and {column_set.ra, column_set.dec} <= set(names):
+        column_of |= {"ra": str(column_set.ra), "dec": str(column_set.dec)}
+        column_of |= {role: name for role, name in _VIZIER_NAMES.items() if role not in names and name in names}
+    return column_of
 
 
 def read_positions(
@@ -338,31 +338,31 @@ def read_positions(
         sigma = positive("sigma", sigma)
     if is_icrf or set_name == "icrf":
         columns = {"name": designation} | columns
-    roles = {role: columns.get(role, name) for role, name in _choose_column_names(table_source.names).items()}
-    roles |= {"defining": "defining"} if is_icrf else {}
+    column_of = {role: columns.get(role, name) for role, name in _choose_position_columns(table_source.names).items()}
+    column_of |= {"defining": "defining"} if is_icrf else {}
     if "name" not in columns:
-        by_lower = {name.lower(): name for name in table_source.names}
-        roles["name"] = next((by_lower[name] for name in _IDENTIFIER_NAMES if name in by_lower), "name")
-    has_errors = {roles["ra_error"], roles["dec_error"]} <= set(table_source.names)
+        name_by_lower = {name.lower(): name for name in table_source.names}
+        column_of["name"] = next((name_by_lower[name] for name in _IDENTIFIER_NAMES if name in name_by_lower), "name")
+    has_errors = {column_of["ra_error"], column_of["dec_error"]} <= set(table_source.names)
     if sigma is not None and not has_errors:
-        roles.pop("ra_error"), roles.pop("dec_error"), roles.pop("ra_dec_corr")
+        column_of.pop("ra_error"), column_of.pop("dec_error"), column_of.pop("ra_dec_corr")
     for role in (*_UNITS_BY_ROLE, *columns):
-        if role in roles and roles[role] not in table_source.names:
+        if role in column_of and column_of[role] not in table_source.names:
             remark = "; or one error for all: sigma=200 (--columns sigma=200) [µas]" if role.endswith("error") else ""
-            raise TableError(missing_column(roles[role], table_source) + remark)
-    roles = {role: name for role, name in roles.items() if name in table_source.names}
+            raise TableError(missing_column(column_of[role], table_source) + remark)
+    column_of = {role: name for role, name in column_of.items() if name in table_source.names}
     selection = None if where is None else RowSelection(where, table_source)
-    table = table_source.columns(tuple(dict.fromkeys([*roles.values(), *(selection.names if selection else ())])))
-    rows: Any = 0
+    table = table_source.columns(tuple(dict.fromkeys([*column_of.values(), *(selection.names if selection else ())])))
+    row_numbers: Any = 0
     selection_notes: list[str] = []
     if selection:
-        table, rows, selection_notes = selection.of(table, 0)
+        table, row_numbers, selection_notes = selection.select_rows(table, 0)
     numbers, unusable, unitless, is_given = {}, {}, {}, np.zeros(1, bool)
-    for role, name in roles.items():
+    for role, name in column_of.items():
         if role in ("name", "defining"):
             continue
         values, missing = table[name]
-        unit = find_unit(name, units or {}, table_source)
+        unit = find_column_unit(name, units or {}, table_source)
         numbers[role] = parse_sexagesimal(role, name, np.asarray(values), missing, str(unit or ""))
         if numbers[role] is None:
             factor = unit_factor(name, unit, _UNITS_BY_ROLE[role]) if role in _UNITS_BY_ROLE else 1.0
@@ -377,18 +377,18 @@ def read_positions(
             bad |= ~(numbers[role] ** 2 < RHO2_LIMIT)
             bad &= ~is_given
         unusable[f"{name} missing or not usable"] = bad
-    is_unit_assumed = None if {"ra", roles["ra"]} & {*(units or ())} else bool({"ra", "dec"} & {*unitless})
-    doubts = check_degrees(numbers, is_unit_assumed, names=roles)
-    usable, notes = select_usable_rows(unusable, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
-    # What a table lacks: errors, for which one is given then, and correlations.
+    is_unit_assumed = None if {"ra", column_of["ra"]} & {*(units or ())} else bool({"ra", "dec"} & {*unitless})
+    doubt_notes = check_degrees(numbers, is_unit_assumed, names=column_of)
     n = len(numbers["ra"])
+    usable, notes = select_usable_rows(unusable, n, on_bad, row_numbers, (numbers["ra"], numbers["dec"]))
+    # What a table lacks: errors, for which one is given then, and correlations.
     numbers = dict.fromkeys(("ra_error", "dec_error"), np.full(n, (sigma or 0.0) / MAS)) | numbers
     numbers = {"ra_dec_corr": np.zeros(n)} | numbers
     lon, lat = numbers["ra"][usable] * DEGREE, numbers["dec"][usable] * DEGREE
     errors = np.stack([numbers["ra_error"], numbers["dec_error"]])[:, usable]
     error_notes = _describe_errors(table_source.label, unitless, errors, sigma, np.count_nonzero(is_given), has_errors)
-    notes = (*table_source.notes, *notes, *selection_notes, *error_notes, *doubts)
-    names = None if "name" not in roles else np.asarray(table[roles["name"]][0])[usable]
+    notes = (*table_source.notes, *notes, *selection_notes, *error_notes, *doubt_notes)
+    names = None if "name" not in column_of else np.asarray(table[column_of["name"]][0])[usable]
     if names is not None and names.dtype.kind not in "iu":
         names = names.astype(str)
     if is_icrf and names is not None and not all(names):
@@ -402,7 +402,7 @@ def read_positions(
     if table_source.covariance is None:
         return positions
     component_indices = np.arange(len(table_source.covariance)).reshape(2, -1)
-    kept_indices = (component_indices[:, rows] if selection else component_indices)[:, usable].ravel()
+    kept_indices = (component_indices[:, row_numbers] if selection else component_indices)[:, usable].ravel()
     return replace(positions, covariance=table_source.covariance[np.ix_(kept_indices, kept_indices)])
 
 

@@ -54,7 +54,7 @@ class Columns(InNotebook):
     quality: str | tuple | None = ("quality_flag",)
 
 
-def make_column_names(frame: str) -> dict[str, str]:
+def name_written_columns(frame: str) -> dict[str, str]:
     """Role to name of the columns that a field of this frame is written with."""
     lon, lat, east, north = AXES[frame]
     names = {"ra": lon, "dec": lat, "pmra": east, "pmdec": north}
@@ -65,7 +65,7 @@ def make_column_names(frame: str) -> dict[str, str]:
 def has_field_columns(names: Iterable[str]) -> bool:
     """Return whether a table has all columns of positions, motions and errors that a field of some axes writes."""
     present = set(names)
-    return any({make_column_names(frame)[role] for role in REQUIRED} <= present for frame in AXES)
+    return any({name_written_columns(frame)[role] for role in REQUIRED} <= present for frame in AXES)
 
 
 #: Gaia's archive names.
@@ -85,7 +85,7 @@ _VIZIER = Columns(
 _OTHER_AXES = {
     frame: replace(GAIA, **{
         role: name if role in ("ra", "dec") else (name,) if role.endswith("corr") else (name, getattr(GAIA, role))
-        for role, name in make_column_names(frame).items()
+        for role, name in name_written_columns(frame).items()
     })
     for frame in AXES if frame != "icrs"
 }  # fmt: skip
@@ -168,7 +168,7 @@ _OF_PARALLAX = re.compile("par|plx", re.IGNORECASE)
 _UNIT_SPELLINGS = {"mpc": "Mpc", "kpc": "kpc", "pc": "pc", "deg": "deg", "rad": "rad"}
 
 
-def name_and_unit(name: str) -> tuple[str, str | None]:
+def split_name_and_unit(name: str) -> tuple[str, str | None]:
     """A name without the unit that stands in it, and the unit."""
     if match := _UNIT_IN_BRACKETS.fullmatch(name):
         return match[1].strip(), None if _EQUINOX.fullmatch(match[2]) else match[2]
@@ -183,7 +183,7 @@ class ColumnRequest(NamedTuple):
 
     columns: Columns = GAIA
     #: Roles whose names are the user's; None where all are.
-    asked: tuple[str, ...] | None = ()
+    asked_roles: tuple[str, ...] | None = ()
 
     def choose_names(self, names: Iterable[str]) -> tuple[Columns, str | None]:
         """The names that a table has for each role, and the set that was chosen, where it is not Gaia's."""
@@ -192,18 +192,18 @@ class ColumnRequest(NamedTuple):
 
 @lru_cache
 def _choose_names(request, names):
-    names_by_form = _index_names(names)
-    if request.asked is None:
+    names_by_form = _index_names_by_form(names)
+    if request.asked_roles is None:
         return _resolve_names(request.columns, names, names_by_form), None
-    user_names = {role: getattr(request.columns, role) for role in request.asked}
-    best, best_count, best_columns = "gaia", -1, _resolve_names(request.columns, names, names_by_form)
+    user_names = {role: getattr(request.columns, role) for role in request.asked_roles}
+    best_set, best_count, best_columns = "gaia", -1, _resolve_names(request.columns, names, names_by_form)
     for set_name, column_set in NAMED.items():
         resolved_columns = _resolve_names(replace(column_set, **user_names), names, names_by_form)
         count = sum(getattr(resolved_columns, role) in names for role in REQUIRED)
         if {resolved_columns.ra, resolved_columns.dec} <= set(names) and count > best_count:
-            best, best_count, best_columns = set_name, count, resolved_columns
+            best_set, best_count, best_columns = set_name, count, resolved_columns
     is_gaia = all(getattr(best_columns, role) == getattr(GAIA, role) for role in REQUIRED if role not in user_names)
-    return best_columns, None if is_gaia else best
+    return best_columns, None if is_gaia else best_set
 
 
 def _resolve_names(columns, names, names_by_form):
@@ -211,23 +211,23 @@ def _resolve_names(columns, names, names_by_form):
     replacements: dict[str, Any] = {}
     for roles in _PAIRS:
         candidate_lists = [list_candidates(getattr(columns, role)) for role in roles]
-        present = [[_find_name(name, names, names_by_form) for name in candidates] for candidates in candidate_lists]
+        present = [[_match_name(name, names, names_by_form) for name in candidates] for candidates in candidate_lists]
         pairs = zip(*present, strict=True) if len(present[0]) == len(present[1]) else ()
         best_pair = next((pair for pair in pairs if all(pair)), None)
         best_pair = best_pair or tuple(next(filter(None, matches), None) for matches in present)
         for role, name, candidates in zip(roles, best_pair, candidate_lists, strict=True):
             replacements[role] = name or (candidates[0] if candidates else getattr(columns, role))
-    of_motion, of_place = find_affixes(replacements.get("pmra"), "pmra"), find_affixes(replacements.get("ra"), "ra")
+    pm_affixes, ra_affixes = find_affixes(replacements.get("pmra"), "pmra"), find_affixes(replacements.get("ra"), "ra")
     for role in Columns.__dataclass_fields__:
         candidates = getattr(columns, role)
         if role not in REQUIRED and isinstance(candidates, tuple):
             base_names = [name for name in candidates if name not in _CASE_SENSITIVE]
             # In joined tables those of the motions come first; flags may have the suffix of the positions.
-            if any(of_motion):
-                candidates = (*(name.join(of_motion) for name in base_names), *candidates)
-            if any(of_place) and role in ("solution", "quality"):
-                candidates = (*candidates, *(name.join(of_place) for name in base_names))
-            name = next(filter(None, (_find_name(candidate, names, names_by_form) for candidate in candidates)), None)
+            if any(pm_affixes):
+                candidates = (*(name.join(pm_affixes) for name in base_names), *candidates)
+            if any(ra_affixes) and role in ("solution", "quality"):
+                candidates = (*candidates, *(name.join(ra_affixes) for name in base_names))
+            name = next(filter(None, (_match_name(candidate, names, names_by_form) for candidate in candidates)), None)
             replacements[role] = (name, *candidates) if name else getattr(columns, role)
     redshifts = list_candidates(replacements.get("redshift", columns.redshift))
     if isinstance(columns.redshift_error, tuple) and not any(name in names for name in redshifts):
@@ -246,7 +246,7 @@ def list_candidates(names: Any) -> tuple[str, ...]:
     return (names,) if isinstance(names, str) else names or ()
 
 
-def _index_names(names):
+def _index_names_by_form(names):
     """Names as they are compared where no name is the same."""
     names_by_form: dict[str, list[str]] = {}
     for name in names:
@@ -256,14 +256,14 @@ def _index_names(names):
 
 def _normalize_name(name):
     """A name without its unit, case and what stands between words: PM RA (mas/yr), pm-ra and pmRA are one."""
-    return re.sub(r"(?<=\w)[\s_.-]+(?=\w)", "", name_and_unit(name)[0].lower())
+    return re.sub(r"(?<=\w)[\s_.-]+(?=\w)", "", split_name_and_unit(name)[0].lower())
 
 
 #: Names that are found as they are written alone: Z is a coordinate or a metallicity, and E_Z an energy.
 _CASE_SENSITIVE = ("z", "z_error", "e_z", "z_err", "zerr")
 
 
-def _find_name(name, names, names_by_form):
+def _match_name(name, names, names_by_form):
     """The name as the table has it: as it is, or the only one that is compared alike; or None."""
     if name in names:
         return name
@@ -271,7 +271,7 @@ def _find_name(name, names, names_by_form):
     return matches[0] if len(matches) == 1 else None
 
 
-def find_correlations(source: TableSource) -> list[str]:
+def find_correlation_columns(source: TableSource) -> list[str]:
     """Columns that may be the correlation of the proper motions, by their names."""
     return [name for name in source.names if _CORRELATION.search(name) and not _OF_PARALLAX.search(name)]
 
@@ -280,16 +280,16 @@ _MOTION, _ERROR = re.compile("pm|mu"), re.compile("err|sig|unc|std|^e_|_e$")
 _LONGITUDE, _LATITUDE = re.compile("(?<![a-z])ra(?![dntw])|alpha|lon"), re.compile("(?<![a-z])de(?![fgnprt])|delta|lat")
 
 
-def guess_names(column_names: Mapping[str, str], names: Iterable[str]) -> dict[str, str]:
+def guess_missing_columns(column_of: Mapping[str, str], names: Iterable[str]) -> dict[str, str]:
     """Guess, for a question, the columns of the roles that none is known for."""
-    guesses = dict(column_names)
+    guesses = dict(column_of)
     kinds = {name: _classify_name(name.lower()) for name in names}
     for role in REQUIRED:
         unused = [name for name, kind in kinds.items() if kind == _classify_name(role) and name not in guesses.values()]
         if role not in guesses and unused:
             like = guesses.get(role.removesuffix("_error") if role.endswith("error") else role.replace("dec", "ra"), "")
             guesses[role] = max(unused, key=lambda name: (SequenceMatcher(None, like, name).ratio(), -len(name)))
-    return {role: name for role, name in guesses.items() if role not in column_names}
+    return {role: name for role, name in guesses.items() if role not in column_of}
 
 
 def _classify_name(name):
@@ -329,7 +329,7 @@ def add_derived_columns(source: TableSource) -> TableSource:
         if len(inputs) == 1:
             recipes[name] = inputs, lambda values: 1 / np.sqrt(values), _derive_error_unit(unit)
             continue
-        recipes[name] = inputs, partial(_convert_ellipse, name) if len(inputs) == 3 else _take_larger_error, unit
+        recipes[name] = inputs, partial(_derive_from_ellipse, name) if len(inputs) == 3 else _take_larger_error, unit
     if asymmetric_errors := [
         name
         for name, inputs in derived_columns.items()
@@ -341,27 +341,27 @@ def add_derived_columns(source: TableSource) -> TableSource:
     return derive_columns(source, recipes, notes)
 
 
-def derive_columns(source: TableSource, rules: Mapping[str, Any], notes: Iterable[str] = ()) -> TableSource:
+def derive_columns(source: TableSource, recipes: Mapping[str, Any], notes: Iterable[str] = ()) -> TableSource:
     """A table with further columns: name → (the columns it is made of, function of their values, unit)."""
 
-    def read(names, rows):
-        inputs = [name for column in names if column in rules for name in rules[column][0]]
-        source_names = tuple(dict.fromkeys([name for name in names if name not in rules] + inputs))
+    def read_blocks(names, rows):
+        inputs = [name for column in names if column in recipes for name in recipes[column][0]]
+        source_names = tuple(dict.fromkeys([name for name in names if name not in recipes] + inputs))
         for block in source.blocks(source_names or source.names[:1], rows):
-            n_rows = len(next(iter(block.values()))[0])
-            yield {name: _apply_recipe(rules[name], block, n_rows) if name in rules else block[name] for name in names}
+            n = len(next(iter(block.values()))[0])
+            yield {name: _apply_recipe(recipes[name], block, n) if name in recipes else block[name] for name in names}
 
-    units = source.units | {name: unit for name, (_, _, unit) in rules.items() if unit}
-    names = (*source.names, *(name for name in rules if name not in source.names))
-    return replace(source, names=names, read=read, units=units, notes=(*source.notes, *notes))
+    units = source.units | {name: unit for name, (_, _, unit) in recipes.items() if unit}
+    names = (*source.names, *(name for name in recipes if name not in source.names))
+    return replace(source, names=names, read=read_blocks, units=units, notes=(*source.notes, *notes))
 
 
-def _apply_recipe(recipe, block, count):
+def _apply_recipe(recipe, block, n_rows):
     inputs, function, _ = recipe
     masks = [block[name][1] for name in inputs if block[name][1] is not None]
     with np.errstate(all="ignore"):
         numbers = [floats_or_nan(name, np.asarray(block[name][0])) for name in inputs]
-        values = np.broadcast_to(function(*numbers), count).copy()
+        values = np.broadcast_to(function(*numbers), n_rows).copy()
     return values, np.logical_or.reduce(masks) if masks else None
 
 
@@ -377,13 +377,13 @@ def _derive_error_unit(unit):
         return None
 
 
-def _take_larger_error(a, b):
-    return np.maximum(np.abs(a), np.abs(b))
+def _take_larger_error(minus_error, plus_error):
+    return np.maximum(np.abs(minus_error), np.abs(plus_error))
 
 
-def _convert_ellipse(name, a, b, angle):
+def _derive_from_ellipse(name, major, minor, angle):
     """The error or correlation that an ellipse is; its major axis points `angle` degrees from north through east."""
     sin, cos = np.sin(np.radians(angle)), np.cos(np.radians(angle))
-    east, north = np.hypot(a * sin, b * cos), np.hypot(a * cos, b * sin)
-    cross = (a**2 - b**2) * sin * cos
+    east, north = np.hypot(major * sin, minor * cos), np.hypot(major * cos, minor * sin)
+    cross = (major**2 - minor**2) * sin * cos
     return {"pmra_error": east, "pmdec_error": north, "pmra_pmdec_corr": cross / (east * north)}[name]

@@ -97,9 +97,9 @@ def parts(
         raise ParameterError(f"{len(files) - len(paths)} of the parts are files that stand there twice")
     if len(files) > 1:
         first_table = open_table(files[0], format)
-        reader = replace(reader, like=(first_table.label, _read_layout(first_table, request)))
-    records = {_name_of(file): _record_of(file) for file in files}
-    return Parts(pieces, replace(reader, records=records), engine=_choose_engine(pieces, workers, scheduler))
+        reader = replace(reader, first_layout=(first_table.label, _find_table_layout(first_table, request)))
+    stamps = {_get_file_name(file): _get_file_stamp(file) for file in files}
+    return Parts(pieces, replace(reader, records=stamps), engine=_choose_engine(pieces, workers, scheduler))
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class Reader:
     rows: int
     motions: bool = True
     sigma: float | None = None
-    like: tuple[str, Any] | None = None
+    first_layout: tuple[str, Any] | None = None
     where: str | None = None
     format: str | None = None
     #: By what each file is known, when it was opened first.
@@ -129,8 +129,8 @@ class Reader:
             self._check_unchanged(file)
         if isinstance(piece, (str, os.PathLike, RemotePath)):
             piece = open_table(piece, self.format)
-        if self.like is not None and isinstance(piece, TableSource):
-            _check_same_columns(piece, columns, *self.like)
+        if self.first_layout is not None and isinstance(piece, TableSource):
+            _check_same_columns(piece, columns, *self.first_layout)
         notes: tuple[str, ...] = ()
         if not self.motions:
             piece, position_columns, notes = add_zero_motions(open_table(piece), columns, self.sigma)
@@ -142,38 +142,38 @@ class Reader:
             self._check_unchanged(file)
 
     def _check_unchanged(self, file):
-        if (name := _name_of(file)) in self.records:
-            check_unchanged(name, self.records[name], _record_of(file))
+        if (name := _get_file_name(file)) in self.records:
+            check_unchanged(name, self.records[name], _get_file_stamp(file))
 
 
-def _name_of(file):
+def _get_file_name(file):
     return file.label if isinstance(file, RemotePath) else str(file)
 
 
-def _record_of(file):
+def _get_file_stamp(file):
     return fingerprint_of(file) if isinstance(file, RemotePath) else file_stamp(file)
 
 
-def _read_layout(table, columns):
+def _find_table_layout(table, request):
     """Columns that a table has, and their units."""
-    return _find_layout(tuple(table.names), tuple((name, str(unit)) for name, unit in table.units.items()), columns)
+    return _find_used_units(tuple(table.names), tuple((name, str(unit)) for name, unit in table.units.items()), request)
 
 
 @lru_cache
-def _find_layout(present, units, columns):
-    column_units, present_set, derived = dict(units), set(present), find_derivable_columns(present)
-    resolved_columns, _ = columns.choose_names((*present, *derived))
+def _find_used_units(names, units, request):
+    column_units, present_set, derived = dict(units), set(names), find_derivable_columns(names)
+    resolved_columns, _ = request.choose_names((*names, *derived))
     column_names = [name for names in vars(resolved_columns).values() for name in list_candidates(names)]
     column_names += [name for derived_name in derived if derived_name in column_names for name in derived[derived_name]]
     return {name: column_units.get(name, "None") for name in column_names if name in present_set}
 
 
-def _check_same_columns(table, columns, label, layout):
+def _check_same_columns(table, request, label, layout):
     """Raise TableError unless a file has the columns of the first, and no others that a field would use."""
     check_layout(table, label, layout)
-    unshared = [name for name in _read_layout(table, columns) if name not in layout]
-    if unshared:
-        raise TableError(f"{label} has no column {', '.join(unshared)}, which {table.label} has")
+    unshared_names = [name for name in _find_table_layout(table, request) if name not in layout]
+    if unshared_names:
+        raise TableError(f"{label} has no column {', '.join(unshared_names)}, which {table.label} has")
 
 
 def _choose_engine(pieces, workers, scheduler) -> Engine:
@@ -188,19 +188,19 @@ def _choose_engine(pieces, workers, scheduler) -> Engine:
     return InProcess()
 
 
-def _split(source, columns, motions, format, condition):
+def _split(source, request, motions, format, condition):
     """Pieces that the parts are read from, a tuple."""
     if isinstance(source, (str, os.PathLike)) or is_address(source):
         return tuple(files_of(source, format))
     if isinstance(source, Parts):
         raise ParameterError("this is a catalogue in parts already")
     if hasattr(type(source), "to_delayed"):
-        return tuple(_select_partitions(source, columns, motions, condition))
+        return tuple(_select_partitions(source, request, motions, condition))
     if isinstance(source, list | tuple) and source:
         return tuple(
             piece
             for element in source
-            for piece in (_split(element, columns, motions, format, condition) if _has_parts(element) else (element,))
+            for piece in (_split(element, request, motions, format, condition) if _has_parts(element) else (element,))
         )
     if isinstance(source, list | tuple):
         raise ParameterError("the list of parts is empty")
@@ -209,11 +209,11 @@ def _split(source, columns, motions, format, condition):
             "what can be read only once is no catalogue in parts: give a list, or fit.normal_equations the stream"
         )
     if hasattr(type(source), "__next__"):
-        return (OneStream(source),)
+        return (SingleUseStream(source),)
     return (source,)
 
 
-class OneStream:
+class SingleUseStream:
     """A stream that can be read once, and says so when it is asked again."""
 
     def __init__(self, stream: Any) -> None:
@@ -232,13 +232,13 @@ def _has_parts(source):
     return isinstance(source, (str, os.PathLike)) or is_address(source) or hasattr(type(source), "to_delayed")
 
 
-def _select_partitions(collection, columns, motions, condition):
+def _select_partitions(collection, request, motions, condition):
     """The partitions of a collection with the columns that a field can use, so that nothing else is read."""
     names = tuple(map(str, getattr(collection, "columns", ())))
     if not names:
         return collection.to_delayed()
     derived_columns = find_derivable_columns(names)
-    resolved_columns, _ = columns.choose_names((*names, *derived_columns))
+    resolved_columns, _ = request.choose_names((*names, *derived_columns))
     column_names = [name for name in (() if condition is None else Where(condition).names) if name in names]
     for role in Columns.__dataclass_fields__:
         candidates = getattr(resolved_columns, role)

@@ -22,12 +22,12 @@ from vsh.io.catalogue._columns import (
     as_doubles,
     check_degrees,
     convert_identifiers,
-    convert_modulus,
+    convert_moduli_to_distances,
     describe_mixed_units,
-    describe_odd_sizes,
+    describe_odd_values,
     find_conversion_factors,
     locate_columns,
-    make_selection_error,
+    make_empty_selection_error,
     parse_sexagesimal,
 )
 from vsh.io.catalogue._frames import find_frames, find_redshift_frame, read_redshift_frame, turn_positions
@@ -129,13 +129,13 @@ def read_field(
     'no unit in the table, so taken in deg: ra, dec'
     """
     begin = perf_counter()
-    opened = tables.open_table(source, format)
-    if has_epochs(opened.names):
-        field = _solve_epochs(opened, columns, on_bad, where, {"units": units, "frame": frame, "sigma": sigma})
+    table = tables.open_table(source, format)
+    if has_epochs(table.names):
+        field = _solve_epochs(table, columns, on_bad, where, {"units": units, "frame": frame, "sigma": sigma})
     else:
-        maker = _FieldMaker(opened, columns, units, on_bad, frame, roles, where, sigma)
+        maker = _FieldMaker(table, columns, units, on_bad, frame, roles, where, sigma)
         field = maker(maker.source.columns(maker.names))
-    return log_result(_LOG, f"read {opened.label}", field, begin)
+    return log_result(_LOG, f"read {table.label}", field, begin)
 
 
 def has_epochs(names: Iterable[str]) -> bool:
@@ -143,21 +143,21 @@ def has_epochs(names: Iterable[str]) -> bool:
     return {name.replace("_", "").lower() for name in names} >= _EPOCHS
 
 
-def _solve_epochs(opened, columns, on_bad, where, other_options):
+def _solve_epochs(table, columns, on_bad, where, other_options):
     """The field that epoch astrometry gives, where a table has epochs in place of motions."""
     from vsh.io.epochs import read_epochs
 
     refused_options = [name for name, value in other_options.items() if value is not None]
     if refused_options or not (columns is None or isinstance(columns, Mapping)):
         refused = ", ".join(refused_options) or "names of columns other than single ones"
-        raise TableError(f"{opened.label} holds epoch astrometry, whose units and axes are Gaia's: leave out {refused}")
-    if not {"ra0", "dec0"} <= {*opened.names, *(columns or ())}:
+        raise TableError(f"{table.label} holds epoch astrometry, whose units and axes are Gaia's: leave out {refused}")
+    if not {"ra0", "dec0"} <= {*table.names, *(columns or ())}:
         raise TableError(
-            f"{opened.label} holds epoch astrometry without positions. Solve it for motions first, with a table of "
+            f"{table.label} holds epoch astrometry without positions. Solve it for motions first, with a table of "
             "source_id, ra and dec: vsh.io.epochs.read_epochs(epochs, positions=…).write('motions.fits')"
         )
-    remark = f"{opened.label}: epoch astrometry, solved for the motion of each source (vsh.io.epochs.read_epochs)"
-    return read_epochs(opened, on_bad=on_bad, columns=columns, where=where).add_note(remark)
+    remark = f"{table.label}: epoch astrometry, solved for the motion of each source (vsh.io.epochs.read_epochs)"
+    return read_epochs(table, on_bad=on_bad, columns=columns, where=where).add_note(remark)
 
 
 def read_columns(source: Any, names: Iterable[str], **reading: Any) -> dict[str, FloatArray]:
@@ -185,7 +185,7 @@ def read_columns(source: Any, names: Iterable[str], **reading: Any) -> dict[str,
         If one holds no numbers, or `read_field` would raise it.
     """
     names = list(names)
-    maker = _make_column_maker(source, names, reading)
+    maker = _make_maker_with_columns(source, names, reading)
     _, values = _read_field_and_columns(maker, maker.source.columns(maker.names), names, 0)
     return values
 
@@ -195,7 +195,7 @@ def stream_columns(
 ) -> Iterator[tuple[Field, dict[str, FloatArray]]]:
     """A catalogue larger than memory: fields of at most `rows` sources, and numbers of any columns beside them."""
     names, first_row = list(names), 0
-    maker = _make_column_maker(source, names, reading)
+    maker = _make_maker_with_columns(source, names, reading)
     for block in maker.source.blocks(maker.names, whole("rows", rows)):
         try:
             yield _read_field_and_columns(maker, block, names, first_row)
@@ -205,7 +205,7 @@ def stream_columns(
         first_row += len(next(iter(block.values()))[0])
 
 
-def _make_column_maker(source, names, reading):
+def _make_maker_with_columns(source, names, reading):
     """Maker of fields of a table with further columns."""
     options = {"columns": None, "units": None, "on_bad": "raise", "frame": None, "where": None, "sigma": None} | reading
     table = tables.open_table(source, options.pop("format", None))
@@ -248,11 +248,11 @@ def stream_fields(
     return _yield_fields(maker, rows)
 
 
-def _yield_fields(maker, rows):
+def _yield_fields(maker, max_rows):
     """Fields block by block; the rows of a block without any usable one are counted by a neighbour."""
     first_row, pending_field = 0, None
     notes: tuple[str, ...] = ()
-    for block in maker.source.blocks(maker.names, rows):
+    for block in maker.source.blocks(maker.names, max_rows):
         try:
             field = maker(block, first_row)
         except EmptyFieldError as error:
@@ -268,7 +268,7 @@ def _yield_fields(maker, rows):
             pending_field, notes = field.add_note(*notes), ()
         first_row += len(next(iter(block.values()))[0])
     if pending_field is None:
-        raise make_selection_error(notes) if maker.selection and not count_dropped(notes) else last_error
+        raise make_empty_selection_error(notes) if maker.selection and not count_dropped(notes) else last_error
     yield pending_field.add_note(*notes)
 
 
@@ -284,9 +284,9 @@ class _FieldMaker:
             columns = replace(as_columns(columns).choose_names(self.source.names)[0], **names, pmra_pmdec_corr=None)
             self.source = derive_columns(self.source, {name: ((), lambda: size, "uas / yr") for name in names.values()})
             assumed_errors = [CodedNote(f"errors of {size:g} µas/yr for every source (as asked)", ASSUMED_MOTIONS)]
-        column_names, notes = locate_columns(as_columns(columns), self.source)
-        self.selection = None if where is None else RowSelection(where, self.source, column_names)
-        self.column_of = {role: name for role, name in column_names.items() if role not in OPTIONAL or role in roles}
+        column_of_role, notes = locate_columns(as_columns(columns), self.source)
+        self.selection = None if where is None else RowSelection(where, self.source, column_of_role)
+        self.column_of = {role: name for role, name in column_of_role.items() if role not in OPTIONAL or role in roles}
         self.frames = find_frames(self.column_of, frame, self.source)
         self.frame = self.frames.frame
         self.redshift_frame = find_redshift_frame(self.column_of, self.source)
@@ -301,20 +301,20 @@ class _FieldMaker:
         # What marks missing values does so in the table's own units; in Gaia's the field looks for it.
         self.units = self.source.units | {self.column_of.get(name, name): unit for name, unit in (units or {}).items()}
         self.has_other_units = any(self.factors[role] != 1 for role in REQUIRED[2:])
-        is_given = {"ra", self.column_of["ra"]} & {*(units or ())}
-        is_assumed = any(self.column_of["ra"] in names for names in assumed_units.values())
-        self.is_position_unit_assumed = None if is_given else is_assumed
+        is_unit_given = {"ra", self.column_of["ra"]} & {*(units or ())}
+        is_unit_assumed = any(self.column_of["ra"] in names for names in assumed_units.values())
+        self.is_position_unit_assumed = None if is_unit_given else is_unit_assumed
         #: What stands in place of a motion, where it is a number.
-        motion = self.column_of["pmra"]
-        is_number = motion.startswith(f"{ASSUMED}pm") and motion == self.column_of["pmdec"]
-        self.scalar_name = motion.removeprefix(f"{ASSUMED}pm") if is_number else None
+        motion_column = self.column_of["pmra"]
+        is_number = motion_column.startswith(f"{ASSUMED}pm") and motion_column == self.column_of["pmdec"]
+        self.scalar_name = motion_column.removeprefix(f"{ASSUMED}pm") if is_number else None
         column_units = (self.source.units.get(name) for name in self.column_of.values() if not name.startswith(ASSUMED))
         has_no_units = self.scalar_name is None and not any(column_units)
         # What is assumed of motions decides on the result; of positions alone, where other columns have units, less.
-        decisive = {self.column_of[role] for role in (self.column_of if has_no_units else REQUIRED[2:])}
+        decisive_columns = {self.column_of[role] for role in (self.column_of if has_no_units else REQUIRED[2:])}
         column_notes: list[str] = []
         for unit, names in assumed_units.items():
-            code = "" if decisive.isdisjoint(names) else ASSUMED_UNITS
+            code = "" if decisive_columns.isdisjoint(names) else ASSUMED_UNITS
             column_notes.append(CodedNote(f"no unit in the table, so taken in {unit}: {', '.join(names)}", code))
         self.is_motion_unit_assumed = any(
             not {*names}.isdisjoint(map(self.column_of.get, _MOTIONS)) for names in assumed_units.values()
@@ -322,7 +322,7 @@ class _FieldMaker:
         column_notes += describe_mixed_units(self.column_of, self.factors)
         if (error_column := self.column_of.get("redshift_error", "redshift_error")) != "redshift_error":
             column_notes.append(f"errors of the redshifts are in column {printable(error_column)}")
-        column_notes += _note_on_redshifts(column_names, self.source) if "redshift" in roles else []
+        column_notes += _describe_unread_redshifts(column_of_role, self.source) if "redshift" in roles else []
         self.notes = [*self.source.notes, *column_notes, *assumed_errors, *notes, *self.frames.notes]
         self.on_bad = on_bad
         self.names = tuple(dict.fromkeys([*self.column_of.values(), *(self.selection.names if self.selection else ())]))
@@ -331,7 +331,7 @@ class _FieldMaker:
         columns, raw_columns, notes, redshift_frame = {}, {}, list(self.notes), self.redshift_frame
         aside: dict[str, Any] = {}
         if self.selection:
-            block, first_row, row_notes = self.selection.of(block, first_row)
+            block, first_row, row_notes = self.selection.select_rows(block, first_row)
             notes += row_notes
         for role, name in self.column_of.items():
             values, mask = block[name]
@@ -348,13 +348,13 @@ class _FieldMaker:
                 degrees = parse_sexagesimal(role, name, values, mask, str(self.units.get(name) or ""))
                 columns[role] = as_doubles(name, values if degrees is None else degrees, mask, first_row)
                 if role in _ERRORS and columns[role].size:
-                    _check_positive(name, columns[role])
+                    _check_any_error_positive(name, columns[role])
                 if self.has_other_units and role in REQUIRED[2:]:
                     raw_columns[role] = np.ma.filled(np.ma.asarray(columns[role], float), np.nan)
                 if degrees is None and self.factors.get(role, 1.0) not in (1.0, MODULUS):
                     columns[role] = columns[role] * self.factors[role]
         if self.factors.get("distance") == MODULUS:
-            notes += convert_modulus(columns)
+            notes += convert_moduli_to_distances(columns)
         if self.scalar_name is not None and not (finite := np.isfinite(columns["pmra"])).all():
             columns["unusable"] = {f"{self.scalar_name} not finite": ~np.ma.filled(finite, True)}
         if not any(self.column_of[role].startswith(ASSUMED) for role in _MOTIONS):
@@ -375,14 +375,14 @@ class _FieldMaker:
                 notes=notes,
                 first_row=first_row,
             )
-        doubts = [] if self.scalar_name else describe_odd_sizes(field, is_assumed=self.is_motion_unit_assumed)
+        doubts = [] if self.scalar_name else describe_odd_values(field, is_unit_assumed=self.is_motion_unit_assumed)
         for warning in (*notes, *doubts, *(note for note in field.notes if has_code(note, NO_REDSHIFTS))):
             if has_code(warning, DOUBT, NO_REDSHIFTS, UNUSED_CORRELATIONS):
                 warn(warning, VshWarning, stacklevel=3)
         return field.add_note(*doubts) if doubts else field
 
 
-def _check_positive(name, errors):
+def _check_any_error_positive(name, errors):
     """Raise FieldError where no error of a column is above zero."""
     with np.errstate(invalid="ignore"):
         if errors.dtype.kind in "iuf" and np.all(np.ma.filled(errors <= 0, False)):
@@ -393,13 +393,13 @@ def _check_positive(name, errors):
             )
 
 
-def _collect_drop_reasons(column_names, block, aside, motion_label):
+def _collect_drop_reasons(column_of, block, aside, motion_label):
     """Reasons to leave rows out that are no mistake: other models, and positions or motions that are marked missing.
 
     What is missing in a source is missing as a whole: a row with one component of a motion is a mistake.
     """
     for quantity, roles in (("position", REQUIRED[:2]), (motion_label, REQUIRED[2:4])):
-        masks = [np.asarray(block[column_names[role]][1]) for role in roles if block[column_names[role]][1] is not None]
+        masks = [np.asarray(block[column_of[role]][1]) for role in roles if block[column_of[role]][1] is not None]
         if len(masks) < 2 or any(mask.ndim != 1 for mask in masks):
             continue
         missing = np.logical_and.reduce(masks)
@@ -458,9 +458,9 @@ def _read_flag_numbers(name, values, mask, role):
     return values, is_known & (values == values)
 
 
-def _note_on_redshifts(column_names, source):
+def _describe_unread_redshifts(column_of, source):
     """A note on columns whose name holds "redshift" and that are not read, where a table has no other redshift."""
-    if "redshift" in column_names:
+    if "redshift" in column_of:
         return []
     candidates = [name for name in source.names if "redshift" in name.lower() and not _ERROR_NAME.search(name)]
     if not candidates:
@@ -498,9 +498,9 @@ def read_sources(
     return read_field(table, position_columns, units, on_bad=on_bad, frame=frame, where=where).add_note(*notes)
 
 
-def is_map(opened: tables.TableSource) -> bool:
+def is_map(table: tables.TableSource) -> bool:
     """Tell whether an open table is a HEALPix map rather than a catalogue."""
-    return str(opened.meta.get("PIXTYPE", "")).upper() == "HEALPIX" and not {"ra", "lon"} & set(opened.names)
+    return str(table.meta.get("PIXTYPE", "")).upper() == "HEALPIX" and not {"ra", "lon"} & set(table.names)
 
 
 def add_zero_motions(
@@ -545,18 +545,18 @@ def truth_of(source: Any) -> dict[str, Any] | None:
     """
     meta = {str(key).upper(): value for key, value in tables.open_table(source).meta.items()}
 
-    def vector(key, unit="µas/yr"):
+    def read_vector(key, unit="µas/yr"):
         return Vector(np.array([float(meta[f"{key}_{axis}"]) for axis in "XYZ"]), np.zeros((3, 3)), unit=unit)
 
     try:
-        truth = {"spin": vector("SPIN"), "acceleration": vector("ACC")}
+        truth = {"spin": read_vector("SPIN"), "acceleration": read_vector("ACC")}
     except (KeyError, TypeError, ValueError):
         return None
     with suppress(KeyError, TypeError, ValueError):
-        truth |= {"orientation": vector("ORIENT", "µas"), "jump": vector("JUMP")}
+        truth |= {"orientation": read_vector("ORIENT", "µas"), "jump": read_vector("JUMP")}
     with suppress(KeyError, TypeError, ValueError):
-        truth |= {"velocity": vector("VEL", "km/s"), "hubble": float(meta["HUBBLE"])}
-        truth["group"] = vector("GROUP", "km/s")
+        truth |= {"velocity": read_vector("VEL", "km/s"), "hubble": float(meta["HUBBLE"])}
+        truth["group"] = read_vector("GROUP", "km/s")
     return truth
 
 
@@ -629,7 +629,7 @@ def read_scalars(
     except ValueError as wrong:  # astropy's UnitConversionError is one
         raise TableError(f"the units of {', '.join(map(printable, used))} do not go together: {wrong}") from None
 
-    def number_of(name, column):
+    def convert_numbers(name, column):
         """A column in the unit of the first, without what marks a missing value in its own."""
         is_mark = find_placeholder_rows({"pmra": column, "pmdec": column}) & (factors[name] * scale != 1)
         if name == main and target == parse_unit("uas"):  # other numbers may be zero
@@ -637,7 +637,7 @@ def read_scalars(
         return np.where(is_mark, np.nan, column) * factors[name]
 
     def compute_values(*columns):
-        values = {name: number_of(name, column) for name, column in zip(formula.names, columns, strict=True)}
+        values = {name: convert_numbers(name, column) for name, column in zip(formula.names, columns, strict=True)}
         once, twice, thrice = (
             formula.calculate({name: (k * n, None) for name, n in values.items()}) for k in (1, 2, 3)
         )
@@ -650,7 +650,7 @@ def read_scalars(
     names = {"value": f"{ASSUMED}pm{value}", "error": f"{ASSUMED}pm{error}"}
     recipes = {
         names["value"]: (formula.names, compute_values, "uas / yr"),
-        names["error"]: ((error,), lambda column: scale * number_of(error, column), "uas / yr"),
+        names["error"]: ((error,), lambda column: scale * convert_numbers(error, column), "uas / yr"),
     }
     roles = {role: names["error" if role in _ERRORS else "value"] for role in (*_MOTIONS, *_ERRORS)}
     choice = replace(as_columns(columns).choose_names(table.names)[0], **roles, pmra_pmdec_corr=None)

@@ -49,10 +49,10 @@ NASTY = "<b>&\"'</script>"
 def test_page_of_everything_is_whole():
     columns = Table({"a_b": [1.0, np.nan], NASTY: [NASTY, "x"]})
     panels = [
-        page.facts([("spin", NASTY)], "answer"), page.paragraph(NASTY, "warning"), page.paragraph(""), page.section(Section(NASTY, (), columns)),
-        page.table(["x", ""], [[NASTY, "1"]], sortable=True, summary=NASTY), page.figure(b"png", NASTY), page.notes([NASTY, 3]),
-        page.picture_row([page.figure(b"png", "one"), page.figure(b"png", "two")]), page.preformatted_panel(NASTY),
-        page.provenance({"file": NASTY, "versions": {"numpy": "2"}}, ["vsh-fit", NASTY]), page.heading("empty", Panel("")),
+        page.facts_panel([("spin", NASTY)], "answer"), page.paragraph(NASTY, "warning"), page.paragraph(""), page.section_panel(Section(NASTY, (), columns)),
+        page.table(["x", ""], [[NASTY, "1"]], sortable=True, summary=NASTY), page.figure_panel(b"png", NASTY), page.notes_panel([NASTY, 3]),
+        page.panel_row([page.figure_panel(b"png", "one"), page.figure_panel(b"png", "two")]), page.preformatted_panel(NASTY),
+        page.provenance_panel({"file": NASTY, "versions": {"numpy": "2"}}, ["vsh-fit", NASTY]), page.join_panels("empty", Panel("")),
     ]  # fmt: skip
     html = page.page(NASTY, panels, lead=NASTY)
     reader = read(html)
@@ -76,13 +76,13 @@ def test_policy_allows_what_is_there_and_nothing_else():
 
 
 def test_long_tables_say_what_is_left_out():
-    html = page.section(Section("Rows", (), Table({"x": np.arange(500)}))).html
+    html = page.section_panel(Section("Rows", (), Table({"x": np.arange(500)}))).html
     assert html.count("<tr>") == 201
     assert "The first 200 of 500 rows" in html
 
 
 def test_headings_with_the_same_words_have_anchors_of_their_own():
-    html = page.page("x", [page.heading("Sources & more", page.paragraph(str(k))) for k in range(4)])
+    html = page.page("x", [page.join_panels("Sources & more", page.paragraph(str(k))) for k in range(4)])
     anchors = re.findall('<h2 id="([^"]+)">', html)
     assert len(set(anchors)) == 4
     assert anchors[0] == "sources-more"

@@ -11,7 +11,7 @@ import fit
 from vsh import Coefficients, Field, Modes, ParameterError
 from vsh.basis import harmonics
 from vsh.figures.plot import FADED, SkyAxes, arrow_grid, draw_matrix, even_grid, plot_field
-from vsh.figures.plot._field import SURE, chance_of, compute_significance
+from vsh.figures.plot._field import SURE, compute_significance, compute_smallest_chance
 
 
 @pytest.mark.parametrize("frame", ["icrs", "galactic", "ecliptic"])
@@ -150,11 +150,11 @@ def test_spin_is_seen_among_coefficients_that_a_floor_holds_back():
     """Higher degrees are then small by their errors: χ² of all would call a spin of seven errors noise."""
     modes = Modes(5)
     values, errors = np.full(len(modes), 0.3), np.ones(len(modes))
-    assert chance_of(Coefficients(modes, values), np.diag(errors)) > 0.5
+    assert compute_smallest_chance(Coefficients(modes, values), np.diag(errors)) > 0.5
     values[modes.slice_of("T", 1)] = 4.0
-    assert chance_of(Coefficients(modes, values), np.diag(errors)) == pytest.approx(chi2.sf(48, 3))
+    assert compute_smallest_chance(Coefficients(modes, values), np.diag(errors)) == pytest.approx(chi2.sf(48, 3))
     values[modes.slice_of("T", 1)], values[modes.slice_of("S", 3)] = 0.3, 9.0
-    assert chance_of(Coefficients(modes, values), np.diag(errors)) < 1e-9
+    assert compute_smallest_chance(Coefficients(modes, values), np.diag(errors)) < 1e-9
 
 
 def test_matrix_of_many_modes_of_one_degree_has_its_name():

@@ -271,7 +271,7 @@ def test_long_identifiers_keep_their_digits():
     source = open_table(Table({"source_id": ids, "x": np.arange(500.0)}))
 
     def selected(condition):
-        block, _, _ = RowSelection(condition, source).of(source.columns(), 0)
+        block, _, _ = RowSelection(condition, source).select_rows(source.columns(), 0)
         return set(block["source_id"][0].tolist())
 
     assert selected("source_id % 1000 < 500") == set(ids[ids % 1000 < 500].tolist())
@@ -294,7 +294,7 @@ def test_masked_divisors_and_sizes_change_nothing_for_other_rows():
         source = open_table(Table({"id": ids.astype(kind), "n": n, "null": null, "row": np.arange(4)}))
 
         def selected(condition, source=source):
-            return RowSelection(condition, source).of(source.columns(), 0)[0]["row"][0].tolist()
+            return RowSelection(condition, source).select_rows(source.columns(), 0)[0]["row"][0].tolist()
 
         assert selected("id % n == 1") == [0, 1, 3]
         assert selected("id % 2 == 1") == [0, 1, 2]
