@@ -320,9 +320,9 @@ def _compare_bins_with_systematics(bin_up_to, bins, lmax, is_asked):
     """The systematic errors, or None; and a remark on the p-values without them."""
     degree = lmax if lmax >= 3 else _FLOOR_DEGREE
     bins = bins if lmax >= 3 else bin_up_to(degree)
-    if any(fit.background.sees_part(normal, degree) for normal in bins.normals):
+    if any(fit.background.has_leakage(normal, degree) for normal in bins.normals):
         with suppress(DegeneracyError):  # a bin of few sources does not bear so many, and a note says what that means
-            bins = replace(bins, normals=bin_up_to(degree + fit.background.BEYOND).normals)
+            bins = replace(bins, normals=bin_up_to(degree + fit.background.EXTRA_DEGREES).normals)
     try:
         comparison = bins.shared(range(2, degree + 1))
     except VshError as error:

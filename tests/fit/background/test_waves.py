@@ -11,7 +11,7 @@ import fit
 import sim
 from fit.background import Spectrum, wave_limit
 from fit.background._amplitude import Amplitude
-from fit.background._waves import compute_probability_above, find_quadrupole_statistics, find_quantile
+from fit.background._waves import compute_probability_above, fit_quadrupole, find_quantile
 from vsh.io.catalogue import read_field
 from vsh.tools.errors import ModesError, ParameterError
 
@@ -155,7 +155,7 @@ def test_messages():
     assert few.report().rstrip().endswith("–")
     few.plot()
     # As many numbers as unknowns determine no scatter, whatever the matrix is.
-    assert np.isnan(find_quadrupole_statistics(fit.normal_equations(random_field(8, 1), 2), 2, True)[0])
+    assert np.isnan(fit_quadrupole(fit.normal_equations(random_field(8, 1), 2), 2, True)[0])
 
 
 def test_limit_by_coefficients_goes_with_the_square_of_the_hubble_constant():
