@@ -116,7 +116,7 @@ _N_ROOTS = 401
 
 
 def compute_posteriors_and_evidence(
-    likelihood: Likelihood, maximum: Maximum, amplitude_numbers: Sequence[int] | None = None
+    likelihood: Likelihood, maximum: Maximum, indices: Sequence[int] | None = None
 ) -> tuple[list[Amplitude], float]:
     """Posterior of each amplitude, all others marginalised, and ln of the evidence relative to no background.
 
@@ -127,7 +127,7 @@ def compute_posteriors_and_evidence(
     """
     with limit_blas(len(likelihood.rhs)):
         grid = _AmplitudeGrid(likelihood, maximum)
-    pairs = [grid.marginalise(k) for k in (range(len(likelihood)) if amplitude_numbers is None else amplitude_numbers)]
+    pairs = [grid.marginalise_others(k) for k in (range(len(likelihood)) if indices is None else indices)]
     return [amplitude for amplitude, _ in pairs], pairs[0][1]
 
 
@@ -140,7 +140,7 @@ class _AmplitudeGrid:
         self.root_spans = [find_root_span(likelihood, maximum, k) for k in range(len(likelihood))]
         self.interpolate_logdet_and_gain = likelihood.make_interpolator(self.root_spans, self.tau_nodes)
 
-    def marginalise(self, k: int) -> tuple[Amplitude, float]:
+    def marginalise_others(self, k: int) -> tuple[Amplitude, float]:
         """Amplitude k with all others marginalised, and the evidence."""
         roots = {k: self._find_unit(k) * np.sinh(np.linspace(self._find_span(k)[0], self._find_span(k)[1], _N_ROOTS))}
         axis_order = [k, *(j for j in range(len(self.root_spans)) if j != k)]

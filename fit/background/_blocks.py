@@ -66,7 +66,7 @@ class ClassEquations:
         return len(self.rhs)
 
     @property
-    def own(self) -> FloatArray:
+    def own_matrices(self) -> FloatArray:
         """The normal matrix of each class by itself, (K, q, q)."""
         return self.matrix[self.pairs[0] == self.pairs[1]]
 
@@ -91,10 +91,10 @@ class ClassEquations:
         """Classes whose noise is shared, from their normal equations, (K, p, K, p) and (K, p)."""
         k, is_free, matrix = len(rhs), modes.degrees == 1, matrix.reshape(rhs.size, rhs.size)
         message = "sources in common do not determine rotation and glide of all catalogues"
-        return _eliminate_free(matrix, rhs.ravel(), np.tile(is_free, k), message, (1.0,) * k, (1.0,) * k, is_free)
+        return _eliminate_free_modes(matrix, rhs.ravel(), np.tile(is_free, k), message, (1.0,) * k, (1.0,) * k, is_free)
 
 
-def _eliminate_free(matrix, rhs, mask, message, noise_scale, condition, free):
+def _eliminate_free_modes(matrix, rhs, mask, message, noise_scale, condition, free):
     """The equations of classes without what of all their unknowns is free; DegeneracyError with `message` if singular.
 
     There are as many classes as scales of the noise, one after the other, and any two may share some.
@@ -140,7 +140,7 @@ def reduce_class_equations(
     matrix, rhs = extension @ matrix @ extension.T / tau, extension @ rhs / tau
     is_free = np.r_[free, np.zeros(len(templates), bool)]
     message = "a class does not determine its degree 1: merge it with another"
-    return _eliminate_free(matrix, rhs, is_free, message, (float(np.sqrt(tau)),), (condition,), free)
+    return _eliminate_free_modes(matrix, rhs, is_free, message, (float(np.sqrt(tau)),), (condition,), free)
 
 
 def map_parities(modes: Modes) -> IntArray:
@@ -416,7 +416,7 @@ def sample_amplitudes_by_shape(
     rng: np.random.Generator,
 ) -> list[ShapeDraws]:
     """Draws of the amplitudes for each shape, again where too few of them count."""
-    squares: Any = sum(classes.own**2)
+    squares: Any = sum(classes.own_matrices**2)
     is_higher = ~classes.free
     flat = spectra[0][1].flat().variances(modes)[is_higher]
     squares = squares[: len(flat), : len(flat)]  # without templates

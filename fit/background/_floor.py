@@ -504,13 +504,13 @@ def _estimate_floor(floor_class, shape_name, equations, degrees, free_degrees, f
     spectrum = floor_class._spectra_by_shape[shape_name]
     spectra = [spectrum.only("odd"), spectrum.only("even")] if floor_class is Floor else [spectrum]
     likelihood = Likelihood(equations, spectra, degrees, free_degrees, fit_scale)
-    maximum = likelihood.maximum()
+    maximum = likelihood.find_maximum()
     amplitudes, evidence = compute_posteriors_and_evidence(likelihood, maximum)
     powers: dict[str, Any] = {}
     for name, amplitude in zip(floor_class._power_names, amplitudes, strict=True):
         powers |= {name: amplitude.quantile(0.5, "root"), f"{name}_interval": amplitude.interval(0.68, "root")}
     if floor_class is Floor:  # beside one power for both parities
-        common_maximum = Likelihood(equations, [spectrum], degrees, free_degrees, fit_scale).maximum()
+        common_maximum = Likelihood(equations, [spectrum], degrees, free_degrees, fit_scale).find_maximum()
         powers["parity_p_value"] = compute_parity_p_value(maximum.log_likelihood, common_maximum.log_likelihood)
     estimated_floor = floor_class(
         **powers,

@@ -74,7 +74,7 @@ class Axis:
             return np.array([self.low])
         return self._compute_value(np.cos(np.pi * (np.arange(self.count) + 0.5) / self.count))
 
-    def basis(self, value: FloatArray) -> FloatArray:
+    def evaluate_basis(self, value: FloatArray) -> FloatArray:
         """Chebyshev polynomials at values inside the limits, (n, count)."""
         if self.count == 1:
             return np.ones((value.size, 1))
@@ -83,10 +83,10 @@ class Axis:
 
     def to_coefficients(self, table: FloatArray, axis: int) -> FloatArray:
         """Convert values at the nodes, along one axis of a table, to Chebyshev coefficients."""
-        vander = self.basis(self.nodes)
+        vander = self.evaluate_basis(self.nodes)
         return np.moveaxis(np.tensordot(np.linalg.inv(vander), table, (1, axis)), 0, axis)
 
-    def finer(self) -> "Axis":
+    def refine(self) -> "Axis":
         """An axis with more nodes."""
         return Axis(self.low, self.high, self.scale, 2 * self.count if self.count > 1 else 1)
 
@@ -303,12 +303,12 @@ class Likelihood(Amplitudes):
             contracted = coefficients
             # Contracting the first axis behind the two quantities once an amplitude comes back to their order.
             for root, axis in zip(roots, axes, strict=True):
-                contracted = np.moveaxis(np.tensordot(axis.basis(root), contracted, (1, 1)), 0, -1)
+                contracted = np.moveaxis(np.tensordot(axis.evaluate_basis(root), contracted, (1, 1)), 0, -1)
             return contracted
 
         return interpolate_logdet_and_gain
 
-    def maximum(self) -> Maximum:
+    def find_maximum(self) -> Maximum:
         """Amplitude of the maximum."""
         with limit_blas(len(self.rhs)):
             log1p_ratios = self._search_start = self._minimise_loss(self._search_start)

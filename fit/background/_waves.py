@@ -131,7 +131,7 @@ class WaveLimit(Result):
             return self.amplitude.quantile(probability, prior, lowest)  # type: ignore[arg-type]
         if not np.isfinite(self.squares).all():
             raise ParameterError("the data do not determine every coefficient of degree 2: take another prior")
-        return float(1.2 * find_quantile(probability, *self.squares) / (4 * np.pi * hubble_rate(self.hubble) ** 2))
+        return float(1.2 * find_sum_quantile(probability, *self.squares) / (4 * np.pi * hubble_rate(self.hubble) ** 2))
 
     def frequency(self, years: float) -> float:
         """The upper edge of the band, 1/T. [Hz]
@@ -247,11 +247,11 @@ def wave_limit(
     free_degrees = tuple(l for l in range(1, degrees[-1]) if l not in degrees)
     backgrounds = list(systematics) if systematics is not None else [Spectrum.flat()] if degrees != (2,) else []
     likelihood = Likelihood(equations, [Spectrum.waves(hubble), *backgrounds], degrees, free_degrees, fit_scale)
-    maximum = likelihood.maximum()
+    maximum = likelihood.find_maximum()
     (amplitude,), _ = compute_posteriors_and_evidence(likelihood, maximum, [0])
     # In degree 2 alone the odd spectrum is that of S, and the even one that of T.
     separate_maximum, common_maximum = (
-        Likelihood(equations, spectra, (2,), (1,), fit_scale).maximum()
+        Likelihood(equations, spectra, (2,), (1,), fit_scale).find_maximum()
         for spectra in ([Spectrum.odd(), Spectrum.even()], [Spectrum.flat()])
     )
     power, noise_power, squares = fit_quadrupole(equations, degrees[-1], fit_scale)
@@ -295,7 +295,7 @@ def compute_probability_above(x: float, variances: FloatArray, shifts: FloatArra
     return float(np.clip(0.5 + integral / np.pi, 0, 1))
 
 
-def find_quantile(probability: float, variances: FloatArray, shifts: FloatArray) -> float:
+def find_sum_quantile(probability: float, variances: FloatArray, shifts: FloatArray) -> float:
     """The value below which Σ λ_i (z_i + δ_i)² lies with a probability."""
     from scipy.optimize import brentq  # slow to import
 

@@ -137,7 +137,7 @@ def _run(options):
             **options.match,
             threshold=options.threshold,
             labels=(labels[0], label),
-            floor=_read_floor_choice(options),
+            floor=_parse_floor_choice(options),
             parameters=options.parameters,
             method=method,
             replicates=int(method_value or 1000),
@@ -200,13 +200,13 @@ def _run(options):
         latex=format_latex,
         answer=Answer(tuple(answer_lines)),
         paths=paths,
-        counts=_count_sources(list(results.values())),
+        counts=_count_matches_and_outliers(list(results.values())),
         page=None if network is not None else partial(_write_html_page, *results[labels[1]], options),
         title=f"{labels[0]} beside {', '.join(labels[1:])}",
     )
 
 
-def _read_floor_choice(options):
+def _parse_floor_choice(options):
     """The choice of the user to include the floor or not; None where the number of sources decides."""
     return None if options.floor is None else options.floor == "yes"
 
@@ -216,7 +216,7 @@ def _make_file_suffix(label, results):
     return f"_{label}" if len(results) > 1 else ""
 
 
-def _count_sources(comparisons_and_differences):
+def _count_matches_and_outliers(comparisons_and_differences):
     match_counts = [len(differences) + len(comparison.names) for comparison, differences in comparisons_and_differences]
     outlier_counts = [len(comparison.names) for comparison, _ in comparisons_and_differences]
     counts = {"matched": match_counts, "left_out": outlier_counts}
@@ -227,7 +227,7 @@ def _combine_catalogues(catalogues, options):
     """All catalogues in one solution with their common noise; by position, sources have the names of the first."""
     if options.match["by"] == "position":
         catalogues = _rename_by_position(catalogues, options.match.get("radius"))
-    return fit.chain.combine_frames(catalogues, options.lmax, floor=_read_floor_choice(options) is not False)
+    return fit.chain.combine_frames(catalogues, options.lmax, floor=_parse_floor_choice(options) is not False)
 
 
 def _rename_by_position(catalogues, radius):

@@ -98,7 +98,7 @@ def _run(options):
             leakage = fit.correlation.leakage(field, options.lmax, options.leakage)
             parts.append(finishing.Part(f"leakage_{label}", leakage, f"Leakage, {label}", _LEAKAGE, as_table=True))
             detail_sections.append(_make_leakage_section(leakage, label, options.power_per_degree))
-    notes = [f"{label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _take_notes(field)]
+    notes = [f"{label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _list_notes(field)]
 
     def make_sections(long):
         (section,) = matrices.sections(long=long)
@@ -116,7 +116,7 @@ def _run(options):
     )
 
 
-def _take_notes(field):
+def _list_notes(field):
     return next(iter(field)).notes if isinstance(field, vsh.io.parts.Parts) else field.notes
 
 

@@ -291,7 +291,7 @@ def _make_bin_parts(sky, options, model, velocity, method, value):
         comparison, remark = _compare_bins_with_systematics(bin_up_to, bins, options.lmax, options.floor == "yes")
     else:
         p_values = _compute_permutation_p_values(sky, bins, velocity, bin_options)
-        remark = _describe_floor(sky, bins)
+        remark = _describe_missing_floor(sky, bins)
 
     def make_sections(long):
         tests: Any
@@ -332,7 +332,7 @@ def _compare_bins_with_systematics(bin_up_to, bins, lmax, is_asked):
     return comparison, "These p-values are for independent errors; those with systematic errors follow."
 
 
-def _describe_floor(sky, bins):
+def _describe_missing_floor(sky, bins):
     """The size of what errors of bins leave out, in words."""
     if bins.counts.sum() < fit.quality.FEW or bins.flow_share > fit.redshift.FLOW_MATTERS:
         return ""
@@ -457,13 +457,13 @@ def _sample_posterior_part(field, options, model_options, velocity_prior, truth)
         vsh.io.tables.write_table(posterior.to_table(), folder / "posterior.ecsv", meta)
         posterior.write(folder / "samples.fits", {"CATALOG": str(meta["catalogue"])})
 
-    def draw():
+    def draw_plots():
         return {"corner": posterior.corner(truths=truth_by_name or None), "trace": posterior.trace()}
 
     def tables():
         return {"Posterior": _add_truth_column(posterior.to_table(), truth_by_name)}
 
-    return finishing.Part("posterior", posterior, sections=sections, plot=draw, tables=tables, files=write_files)
+    return finishing.Part("posterior", posterior, sections=sections, plot=draw_plots, tables=tables, files=write_files)
 
 
 def _make_truth_by_name(truth, result):

@@ -284,13 +284,13 @@ def correlation_matrices(
             solution = solve(normal_equations(field, selection.modes))
             matrices.append(correlation_of(selection.covariance(solution.covariance)))
             frames.append(solution.frame)
-        dipoles.append(compute_dipole(field))
+        dipoles.append(compute_mean_unit_vector(field))
         if frames[i] != frames[0]:
             raise FrameError(f"the catalogues are in {frames[0]} and {frames[i]}: convert them to one frame")
     return CorrelationMatrices(names, matrices, labels, dipoles, frames[0])
 
 
-def compute_dipole(field: Field | Parts) -> FloatArray:
+def compute_mean_unit_vector(field: Field | Parts) -> FloatArray:
     """Compute the weighted mean unit vector of the sources, (3,); it is zero on a uniform sky."""
     vector, weight = as_parts(field).sum(_sum_weighted_directions, roles=(), words="dipole")
     return vector / weight

@@ -370,26 +370,26 @@ def combine_frames(
     has_floor = sources.n >= MANY if floor is None else floor
     # What is shared over the sky is neither noise nor an outlier.
     noise_modes = _FLOOR_MODES if has_floor and modes.lmax < _FLOOR_MODES.lmax else modes
-    noise, selection = _make_independent_noise(sources, len(noise_modes)), np.ones(sources.n, bool)
+    noise, kept = _make_independent_noise(sources, len(noise_modes)), np.ones(sources.n, bool)
     for _ in range(_MAX_ROUNDS):
-        previous = noise, selection
-        values, _, chi2s, factors, *_ = _solve(sources, noise_modes, noise, selection, labels)
+        previous = noise, kept
+        values, _, chi2s, factors, *_ = _fit_frames(sources, noise_modes, noise, kept, labels)
         noise = replace(noise, factors=factors)
         if shared_noise:
-            noise = _estimate_common_noise(sources, noise_modes, values, selection, noise)
+            noise = _estimate_common_noise(sources, noise_modes, values, kept, noise)
         if clip:
             scale = np.maximum(1.0, factors)[noise.classes]
-            selection = chdtrc(np.maximum(sources.n_contrasts, 1), chi2s / scale) > _OUTLIER_CHANCE / max(sources.n, 1)
-        if noise.is_near(previous[0]) and (previous[1] == selection).all():
+            kept = chdtrc(np.maximum(sources.n_contrasts, 1), chi2s / scale) > _OUTLIER_CHANCE / max(sources.n, 1)
+        if noise.is_near(previous[0]) and (previous[1] == kept).all():
             break
-    shared_errors = _estimate_shared_errors(sources, noise, selection, labels, rng) if has_floor else None
-    *_, factors, _, _ = _solve(sources, modes, noise, selection, labels)
+    shared_errors = _estimate_shared_errors(sources, noise, kept, labels, rng) if has_floor else None
+    *_, factors, _, _ = _fit_frames(sources, modes, noise, kept, labels)
     copies = _note_copies(sources, labels)
     factors = np.maximum(factors, 1.0) if copies else factors  # what stands twice makes residuals small, and no error
-    values, covariance, chi2s, _, chi2, dof = _solve(sources, modes, replace(noise, factors=factors), selection, labels)
+    values, covariance, chi2s, _, chi2, dof = _fit_frames(sources, modes, replace(noise, factors=factors), kept, labels)
     factor = float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan")
-    outlier_rows = np.flatnonzero(~selection)[np.argsort(-chi2s[~selection], kind="stable")]
-    membership = sources.is_seen[:, selection].astype(int)
+    outlier_rows = np.flatnonzero(~kept)[np.argsort(-chi2s[~kept], kind="stable")]
+    membership = sources.is_seen[:, kept].astype(int)
     return FrameNetwork(
         labels=labels,
         modes=modes,
@@ -413,9 +413,9 @@ def _note_copies(sources, labels):
     """Note each pair of catalogues with the same values: one of them is no measurement of its own."""
     notes = []
     for (i, a), (j, b) in combinations(enumerate(labels), 2):
-        at = np.flatnonzero(sources.is_seen[i] & sources.is_seen[j])
-        if len(at) and (same := count_same_values(_make_difference_field(sources, i, j, at, 0.0))) > len(at) / 2:
-            text = f"warning: {same} of {len(at)} sources have the same values in {a} and {b}: leave one of them out"
+        rows = np.flatnonzero(sources.is_seen[i] & sources.is_seen[j])
+        if len(rows) and (same := count_same_values(_make_difference_field(sources, i, j, rows, 0.0))) > len(rows) / 2:
+            text = f"warning: {same} of {len(rows)} sources have the same values in {a} and {b}: leave one of them out"
             notes.append(CodedNote(text, DOUBT))
     return tuple(notes)
 
@@ -423,7 +423,7 @@ def _note_copies(sources, labels):
 def _estimate_shared_errors(sources, noise, selection, labels, rng):
     """Rotation and glide with systematic errors; errors by the scatter about a fit to degree 5, in classes of error."""
     normal = _sum_equations(sources, _FLOOR_MODES, noise, selection)
-    factors = _solve(sources, _FLOOR_MODES, noise, selection, labels, normal)[3]
+    factors = _fit_frames(sources, _FLOOR_MODES, noise, selection, labels, normal)[3]
     matrix, rhs = (np.tensordot(1 / factors, sums, 1) for sums in normal[:2])
     is_common = sources.is_seen[1:, selection] & sources.is_seen[0, selection]
     return compare_classes_jointly(
@@ -560,7 +560,7 @@ def _sum_equations(sources, modes, noise, selection):
     return matrix, rhs, group_weights
 
 
-def _solve(sources, modes, noise, selection, labels, equations=None):
+def _fit_frames(sources, modes, noise, selection, labels, equations=None):
     """Fit coefficients, their covariance, χ² of each source, χ²/dof of each class, all χ², and its degrees of freedom.
 
     The errors of each class are multiplied by the root of its factor; `normal` are equations that are at hand.
@@ -593,14 +593,14 @@ def _solve(sources, modes, noise, selection, labels, equations=None):
 
 def _make_difference_field(sources, i, j, rows, rho):
     """Make a field of the differences of two catalogues, with their common noise."""
-    total, cross = _compute_total_and_cross(sources, i, j, rows)
+    total, cross = _sum_pair_covariances(sources, i, j, rows)
     covariance = total - rho * cross
     sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
     difference = sources.places[i][:, rows] - sources.places[j][:, rows]
     return Field(sources.lon[rows], sources.lat[rows], difference, sigma, covariance[:, 0, 1] / (sigma[0] * sigma[1]))
 
 
-def _compute_total_and_cross(sources, i, j, rows):
+def _sum_pair_covariances(sources, i, j, rows):
     """Sum the covariances of two catalogues, and find what noise that both share takes from it: (n, 2, 2) each."""
     root_i, root_j = sources.roots[i, rows], sources.roots[j, rows]
     cross = root_i @ np.swapaxes(root_j, 1, 2)
@@ -640,7 +640,7 @@ def _fit_noise_correlation(sources, residuals, selection, default_correlation, n
             continue
         d = residuals[i][:, rows] - residuals[j][:, rows]
         d *= np.sqrt(2 * is_in_pair.sum() / (2 * is_in_pair.sum() - n_modes))  # the fit has taken its part
-        total, cross = _compute_total_and_cross(sources, i, j, rows)
+        total, cross = _sum_pair_covariances(sources, i, j, rows)
 
         def loss(rho, total=total, cross=cross, d=d):
             v = total - rho * cross

@@ -46,7 +46,7 @@ class Tails:
         second_derivative = np.sum(probabilities * (second_terms + first_terms**2), 0) - first_derivative**2
         return log_density, -2 * first_derivative, -4 * second_derivative
 
-    def outlier(self, chi2: FloatArray, d: IntArray, s: float) -> FloatArray:
+    def compute_outlier_chance(self, chi2: FloatArray, d: IntArray, s: float) -> FloatArray:
         """Compute the probability that the errors of each source are more than OUTLIER_RATIO times s."""
         _, probabilities, variance = self._compute_mixture(chi2, d, s)
         limit = variance / (s * OUTLIER_RATIO) ** 2
@@ -110,7 +110,7 @@ def iterate_nodes(
             log_evidence, covariance = _compute_laplace_terms(rows, prior, tails, s, values, weight, curvature)
             # The prior is flat in ln s, and the steps are one standard error of ln s.
             log_evidence += float(np.sum(log_density)) + (np.log(log_sigma) if log_sigma else 0.0)
-            yield Node(tails, s, values, covariance, log_evidence, weight, tails.outlier(chi2, d, s))
+            yield Node(tails, s, values, covariance, log_evidence, weight, tails.compute_outlier_chance(chi2, d, s))
 
 
 def combine_nodes(nodes: Sequence[Node]) -> tuple[FloatArray, FloatArray, FloatArray]:

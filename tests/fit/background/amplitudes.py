@@ -37,7 +37,7 @@ def fit_amplitudes(normal, spectra, noise_scale=None, *, degrees=None, free=(1,)
     degrees = check_degrees(modes, rest if degrees is None else degrees)
     fit_scale = should_fit_scale(normal, noise_scale)
     likelihood = Likelihood(equations, spectra, degrees, flat, fit_scale)
-    best = likelihood.maximum()
+    best = likelihood.find_maximum()
     covariance = covariance_of(likelihood, best)
     return SimpleNamespace(
         noise_scale_error=float(np.sqrt(covariance[-1, -1]) / (2 * best.noise_scale)) if fit_scale else 0.0,
