@@ -671,7 +671,7 @@ def compare_classes_jointly(
 def extend_degrees(
     normals: Sequence[NormalEquations], make_equations: Callable[[Any, int], NormalEquations], classes: Iterable[Any]
 ) -> list[NormalEquations]:
-    """Equations of classes, or what `make` makes of all to three degrees more where one sees a part of the sky."""
+    """Equations of classes; by `make_equations` to three degrees more of all where one sees a part of the sky."""
     lmax = normals[0].modes.lmax
     if not any(has_leakage(normal, lmax) for normal in normals):
         return list(normals)

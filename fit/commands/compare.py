@@ -122,12 +122,12 @@ def _run(options):
     paths = [options.catalogue, options.catalogue2, *options.others]
     quantity = options.what or ("motions" if all(_has_motions(path, options) for path in paths) else "positions")
     labels = _make_catalogue_labels(paths)
-    reference = _read_named_catalogue(paths[0], quantity, options, options.where)
+    reference = _read_one_catalogue(paths[0], quantity, options, options.where)
     results, fields = {}, {}
     method: Any
     method, method_value = parsing.method_and_value(options.method)
     for path, label in zip(paths[1:], labels[1:], strict=True):
-        fields[label] = _read_named_catalogue(path, quantity, options, options.where2 or options.where)
+        fields[label] = _read_one_catalogue(path, quantity, options, options.where2 or options.where)
         if options.crosswalk:
             fields[label] = vsh.io.catalogue.rename_sources(fields[label], options.crosswalk)
         results[label] = fit.compare.compare_catalogues(
@@ -303,7 +303,7 @@ def _has_motions(path, options):
         return False
 
 
-def _read_named_catalogue(path, quantity, options, condition):
+def _read_one_catalogue(path, quantity, options, condition):
     return reading.read_one_of_several(path, lambda: _read_catalogue(path, quantity, options, condition))
 
 

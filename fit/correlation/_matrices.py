@@ -266,14 +266,14 @@ def correlation_matrices(
         raise ParameterError(f"{len(labels)} labels for {len(fields)} catalogues")
     if solver not in ("harmonics", "frame"):
         raise ParameterError(f'solver is "harmonics" or "frame", not {solver!r}')
-    selection = parameters_of(parameters)
+    parameter_set = parameters_of(parameters)
     if (solver == "frame" or offsets is not None) and parameters != FRAME:
         raise ParameterError("solver='frame' and offsets= can only be used with parameters='spin+acceleration'")
     if offsets is not None:
         offset_fields: list[Any] = list(offsets) if isinstance(offsets, (list, tuple)) else [offsets] * len(fields)
         if len(offset_fields) != len(fields):
             raise ParameterError(f"{len(offset_fields)} fields of offsets for {len(fields)} catalogues")
-    matrices, names, dipoles, frames = [], selection.names, [], []
+    matrices, names, dipoles, frames = [], parameter_set.names, [], []
     for i, field in enumerate(fields):
         if solver == "frame" or offsets is not None:
             frame_solution = solve_frame(field, None if offsets is None else offset_fields[i])
@@ -281,8 +281,8 @@ def correlation_matrices(
             names = frame_solution.names
             frames.append(frame_solution.frame)
         else:
-            solution = solve(normal_equations(field, selection.modes))
-            matrices.append(correlation_of(selection.covariance(solution.covariance)))
+            solution = solve(normal_equations(field, parameter_set.modes))
+            matrices.append(correlation_of(parameter_set.covariance(solution.covariance)))
             frames.append(solution.frame)
         dipoles.append(compute_mean_unit_vector(field))
         if frames[i] != frames[0]:
@@ -348,16 +348,16 @@ def influence_map(
 
 def _compute_influences(field, modes, parameters, quantity):
     """Compute the derivative with respect to ln of the weight of each source, (n,)."""
-    covariance, row_i, row_j, selection = _solve_and_select_rows(field, modes, parameters)
-    g = predict_motions(Coefficients(selection.modes, covariance @ row_i), field)
+    covariance, row_i, row_j, parameter_set = _solve_and_select_rows(field, modes, parameters)
+    g = predict_motions(Coefficients(parameter_set.modes, covariance @ row_i), field)
     if quantity == "value":
-        if len(selection) != 1:
+        if len(parameter_set) != 1:
             raise ParameterError('quantity="value" maps the value of one parameter: give one name')
-        residual = solve(normal_equations(field, selection.modes)).residuals(field).motion
+        residual = solve(normal_equations(field, parameter_set.modes)).residuals(field).motion
         return field.inner(g, residual)
     if quantity is not None:
         raise ParameterError(f'quantity is None or "value", not {quantity!r}')
-    h = None if row_j is None else predict_motions(Coefficients(selection.modes, covariance @ row_j), field)
+    h = None if row_j is None else predict_motions(Coefficients(parameter_set.modes, covariance @ row_j), field)
     return _differentiate_by_weight(covariance, row_i, row_j, g, h, field)
 
 
@@ -379,6 +379,6 @@ def _solve_and_select_rows(field, modes, parameters):
     if len(names) not in (1, 2) or len(set(names)) != len(names):
         raise ParameterError(f"parameters must be one name or two different names, not {parameters!r}")
     modes = as_modes(1 if isinstance(modes, str) and modes == FRAME else modes)
-    selection = select_parameters(names, modes)
+    parameter_set = select_parameters(names, modes)
     covariance = solve(normal_equations(field, modes)).covariance
-    return covariance, selection.rows[0], selection.rows[1] if len(names) == 2 else None, selection
+    return covariance, parameter_set.rows[0], parameter_set.rows[1] if len(names) == 2 else None, parameter_set
