@@ -628,7 +628,7 @@ def _estimate_common_noise(sources, modes, values, selection, noise):
 
 
 def _fit_noise_correlation(sources, residuals, selection, default_correlation, n_modes, is_member=True):
-    """Fit ρ of each pair of catalogues for some sources, of few `default_correlation`; nearest what all can have."""
+    """Fit ρ of each pair of catalogues, of few sources `default_correlation`; the nearest that all can have."""
     from scipy.optimize import minimize_scalar  # slow to import
 
     k = len(sources.is_seen)
