@@ -30,8 +30,8 @@ HIGHEST, PLACES, SOURCES = 16, 1500, 400_000
 if "--sources" in sys.argv:
     SOURCES = int(sys.argv.pop(sys.argv.index("--sources") + 1))
     sys.argv.remove("--sources")
-BEYOND = 0 if "--no-beyond" in sys.argv else 3
-if not BEYOND:
+EXTRA_DEGREES = 0 if "--no-beyond" in sys.argv else 3
+if not EXTRA_DEGREES:
     sys.argv.remove("--no-beyond")
 POLE = np.array([-0.8676661, -0.1980764, 0.4559838])
 SPECTRA = {"flat": None, "lindegren": SHAPES["gaia"], "vasiliev": Spectrum.from_covariance(VASILIEV_BAUMGARDT_2021)}
@@ -130,7 +130,7 @@ CASES = [
 
 def highest(kinds, lmax):
     """To which degree commands take the normal equations of these classes."""
-    return lmax + BEYOND * ("north" in kinds or "high" in kinds)
+    return lmax + EXTRA_DEGREES * ("north" in kinds or "high" in kinds)
 
 
 def power(n_skies, words):

@@ -123,23 +123,23 @@ def solve_frame(
     for field in (motions, offsets or motions):
         if not isinstance(field, Field | Parts):
             raise FieldError(f"the frame solver takes Fields, or parts of them, not a {type(field).__name__}")
-    groups = [("omega", "a")] if offsets is None else [("epsilon",), ("omega", "a")]
-    names = tuple(f"{name}_{axis}" for group in groups for name in group for axis in _AXES)
-    triangulate = partial(_triangulate, column=len(names) - 6, size=len(names))
+    vector_groups = [("omega", "a")] if offsets is None else [("epsilon",), ("omega", "a")]
+    names = tuple(f"{name}_{axis}" for vectors in vector_groups for name in vectors for axis in _AXES)
+    triangulate_motions = partial(_triangulate_equations, first_column=len(names) - 6, size=len(names))
     if covariance is None:
-        triangle = as_parts(motions).sum(triangulate, roles=(), words="frame solver")
+        equations = as_parts(motions).sum(triangulate_motions, roles=(), words="frame solver")
     else:
-        triangle = triangulate(motions, covariance=as_covariance(covariance, motions))
+        equations = triangulate_motions(motions, covariance=as_covariance(covariance, motions))
     if offsets is not None:
-        offset_triangle = as_parts(offsets).sum(
-            partial(_triangulate, column=0, size=len(names)), roles=(), words="frame solver"
+        offset_equations = as_parts(offsets).sum(
+            partial(_triangulate_equations, first_column=0, size=len(names)), roles=(), words="frame solver"
         )
-        if offset_triangle.frame != triangle.frame:
+        if offset_equations.frame != equations.frame:
             raise FrameError(
-                f"motions are in {triangle.frame}, offsets in {offset_triangle.frame}: take both to one frame"
+                f"motions are in {equations.frame}, offsets in {offset_equations.frame}: take both to one frame"
             )
-        triangle = offset_triangle + triangle
-    return _back_substitute(triangle.matrix, names, triangle.n_data, triangle.frame, triangle.notes)
+        equations = offset_equations + equations
+    return _solve_triangle(equations.matrix, names, equations.n_data, equations.frame, equations.notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,20 +161,20 @@ class _Triangle:
         return replace(self, notes=merge_notes((*self.notes, *notes)))
 
 
-def _triangulate(field, column, size, covariance=None):
+def _triangulate_equations(field, first_column, size, covariance=None):
     """The triangle of motions, or of offsets in the first three columns of nine."""
-    is_motions = column + 6 == size
+    is_motions = first_column + 6 == size
     if covariance is not None:
-        rows = np.zeros((size + 1, 2 * len(field)))
+        columns = np.zeros((size + 1, 2 * len(field)))
         unit_field = field.with_errors(np.ones((2, len(field))), np.zeros(len(field)))
-        _fill_whitened_rows(unit_field, rows.reshape(size + 1, 2, len(field))[column:], is_motions)
-        return _Triangle(qr(np.asfortranarray(covariance.whiten(rows).T)), 2 * len(field), field.frame, field.notes)
+        _fill_whitened_columns(unit_field, columns.reshape(size + 1, 2, len(field))[first_column:], is_motions)
+        return _Triangle(qr(np.asfortranarray(covariance.whiten(columns).T)), 2 * len(field), field.frame, field.notes)
 
     def triangulate_block(selection):
         subset = field[selection]
-        rows = np.zeros((size + 1, 2, len(subset)))
-        _fill_whitened_rows(subset, rows[column:], is_motions)
-        return _Triangle(qr(rows.reshape(size + 1, -1).T), 2 * len(subset), field.frame, field.notes)
+        columns = np.zeros((size + 1, 2, len(subset)))
+        _fill_whitened_columns(subset, columns[first_column:], is_motions)
+        return _Triangle(qr(columns.reshape(size + 1, -1).T), 2 * len(subset), field.frame, field.notes)
 
     return reduce(add_sums, map_blocks(triangulate_block, len(field), _BLOCK_SIZE))
 
@@ -185,12 +185,12 @@ def qr(rows: FloatArray) -> FloatArray:
     return np.triu(factor[: rows.shape[1]])
 
 
-def _fill_whitened_rows(field, rows, has_acceleration):
+def _fill_whitened_columns(field, columns, has_acceleration):
     """Fill columns of [coefficients | right-hand side], (k + 1, 2, n), decorrelated, of unit weight."""
     (sin_a, cos_a), (sin_d, cos_d) = sin_cos(field.lon), sin_cos(field.lat)
     p = np.stack([-sin_a, cos_a, np.zeros_like(sin_a)])
     q = np.stack([-sin_d * cos_a, -sin_d * sin_a, cos_d])
-    east, north = rows[:, 0], rows[:, 1]
+    east, north = columns[:, 0], columns[:, 1]
     east[:3], north[:3] = q, -p
     if has_acceleration:
         east[3:6], north[3:6] = p, q
@@ -202,11 +202,11 @@ def _fill_whitened_rows(field, rows, has_acceleration):
     east /= s1
 
 
-def _back_substitute(triangle, names, n_data, frame, notes):
+def _solve_triangle(triangle, names, n_data, frame, notes):
     p = len(names)
     r, rhs = triangle[:p, :p], triangle[:p, p]
-    lengths = np.linalg.norm(r, axis=0) if len(r) == p else np.zeros(p)
-    singular_values = svdvals(r / lengths) if (lengths > 0).all() else np.zeros(p)
+    column_norms = np.linalg.norm(r, axis=0) if len(r) == p else np.zeros(p)
+    singular_values = svdvals(r / column_norms) if (column_norms > 0).all() else np.zeros(p)
     if not singular_values[-1] > 1e-5 * singular_values[0]:
         raise DegeneracyError(f"{n_data // 2} sources cannot separate {', '.join(names)}: widen the sky coverage")
     inverse = solve_triangular(r, np.eye(p))
@@ -295,10 +295,10 @@ def cross_check(field: Field | Parts, *, covariance: Covariance | FloatArray | N
     """
     # Not the short cut for degree 1, which writes the same p and q: the harmonics themselves.
     harmonics = solve(normal_equations(field, Modes(1), method="design-matrix", covariance=covariance))
-    direct = solve_frame(field, covariance=covariance)
-    pairs: list[Any] = [(harmonics.spin, direct.spin), (harmonics.acceleration, direct.acceleration)]
-    largest = max(
+    frame_solution = solve_frame(field, covariance=covariance)
+    pairs: list[Any] = [(harmonics.spin, frame_solution.spin), (harmonics.acceleration, frame_solution.acceleration)]
+    largest_difference = max(
         float(np.max(np.abs(harmonic_vector.value - direct_vector.value) / direct_vector.sigma))
         for harmonic_vector, direct_vector in pairs
     )
-    return CrossCheck(harmonics, direct, largest)
+    return CrossCheck(harmonics, frame_solution, largest_difference)

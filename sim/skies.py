@@ -52,7 +52,7 @@ def sky_map(sky: str) -> tuple[FloatArray, str]:
     """
     density_makers = {
         "uniform": lambda: np.ones(12 * NSIDE**2),
-        "plane-avoiding": lambda: (np.abs(_find_galactic_pixel_centres()[1]) > 15).astype(float),
+        "plane-avoiding": lambda: (np.abs(_compute_galactic_pixel_centres()[1]) > 15).astype(float),
         "gums": _make_gums_density,
         "igql": _make_igql_density,
     }
@@ -71,14 +71,14 @@ def draw_positions(
 
 
 def _make_gums_density():
-    edge, swing, scale = GUMS_PLANE
-    l, b = _find_galactic_pixel_centres()
-    return 1 / (1 + np.exp(-(np.abs(b) - edge - swing * np.cos(np.radians(l))) / scale))
+    edge_latitude, edge_swing, edge_width = GUMS_PLANE
+    l, b = _compute_galactic_pixel_centres()
+    return 1 / (1 + np.exp(-(np.abs(b) - edge_latitude - edge_swing * np.cos(np.radians(l))) / edge_width))
 
 
 def _make_igql_density():
     """Fill the footprint of each survey evenly with its share of the sources."""
-    b = _find_galactic_pixel_centres()[1]
+    b = _compute_galactic_pixel_centres()[1]
     ra, dec = np.degrees(angles(rotation_matrix("galactic", "icrs") @ triad(*centres(NSIDE))[2]))
     outside_plane = np.abs(b) > 15
     footprints = {
@@ -99,5 +99,5 @@ def _make_igql_density():
     return sum(share * footprints[name] / footprints[name].sum() for name, share in IGQL_SHARES.items())
 
 
-def _find_galactic_pixel_centres():
+def _compute_galactic_pixel_centres():
     return np.degrees(centres(NSIDE))

@@ -50,34 +50,34 @@ def markov_chain(times: FloatArray, sigma: float, tau: float, rng: Rng, source: 
     times = np.asarray(times, float)
     source = np.zeros(times.shape, int) if source is None else np.asarray(source)
     draws = generator(rng).standard_normal(len(times))
-    is_start = np.r_[True, source[1:] != source[:-1]] if len(times) else np.zeros(0, bool)
-    interval = np.diff(times, prepend=0.0)
-    if (interval[~is_start] < 0).any():
+    is_first = np.r_[True, source[1:] != source[:-1]] if len(times) else np.zeros(0, bool)
+    intervals = np.diff(times, prepend=0.0)
+    if (intervals[~is_first] < 0).any():
         raise ParameterError("the times of a chain must rise")
-    correlation = np.where(is_start, 0.0, np.exp(-np.where(is_start, 0.0, interval) / tau))
+    correlation = np.where(is_first, 0.0, np.exp(-np.where(is_first, 0.0, intervals) / tau))
     chain = sigma * np.sqrt(1 - correlation**2) * draws
-    for rows in _group_observations_by_rank(is_start):
+    for rows in _group_observations_by_rank(is_first):
         chain[rows] += correlation[rows] * chain[rows - 1]
     return chain
 
 
 def chain_products(weights: FloatArray, source: IntArray, times: FloatArray, tau: float) -> FloatArray:
     """Covariances of weighted sums of chains of unit variance: Σ over sources of aᵀ C a', C_ij = e^{−|t_i − t_j|/τ}."""
-    is_start = np.r_[True, source[1:] != source[:-1]] if len(times) else np.zeros(0, bool)
-    correlation = np.where(is_start, 0.0, np.exp(-np.where(is_start, 0.0, np.diff(times, prepend=0.0)) / tau))
+    is_first = np.r_[True, source[1:] != source[:-1]] if len(times) else np.zeros(0, bool)
+    correlation = np.where(is_first, 0.0, np.exp(-np.where(is_first, 0.0, np.diff(times, prepend=0.0)) / tau))
     # What all earlier observations of a source amount to at each: one step of the chain after the other.
-    earlier = np.zeros_like(weights)
-    for rows in _group_observations_by_rank(is_start):
-        earlier[..., rows] = correlation[rows] * (earlier[..., rows - 1] + weights[..., rows - 1])
-    cross_products = np.einsum("aik,bik->ab", weights, earlier)
+    earlier_sums = np.zeros_like(weights)
+    for rows in _group_observations_by_rank(is_first):
+        earlier_sums[..., rows] = correlation[rows] * (earlier_sums[..., rows - 1] + weights[..., rows - 1])
+    cross_products = np.einsum("aik,bik->ab", weights, earlier_sums)
     return np.einsum("aik,bik->ab", weights, weights) + cross_products + cross_products.T
 
 
-def _group_observations_by_rank(is_start):
+def _group_observations_by_rank(is_first):
     """Indices of all second observations of a source, then of all third ones, …: chains step together."""
-    starts = np.flatnonzero(is_start)
-    rank = np.arange(len(is_start)) - np.repeat(starts, np.diff(np.r_[starts, len(is_start)]))
-    order = np.argsort(rank, kind="stable")
-    ends = np.cumsum(np.bincount(rank)) if len(is_start) else []
-    for begin, end in pairwise(ends):
+    first_rows = np.flatnonzero(is_first)
+    ranks = np.arange(len(is_first)) - np.repeat(first_rows, np.diff(np.r_[first_rows, len(is_first)]))
+    order = np.argsort(ranks, kind="stable")
+    rank_ends = np.cumsum(np.bincount(ranks)) if len(is_first) else []
+    for begin, end in pairwise(rank_ends):
         yield order[begin:end]

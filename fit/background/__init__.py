@@ -15,15 +15,15 @@ from vsh.tools.modules import lazy_names
 
 if TYPE_CHECKING:
     from fit.background._cross import CrossPowers, cross_powers
-    from fit.background._shared import BEYOND as BEYOND
+    from fit.background._shared import EXTRA_DEGREES as EXTRA_DEGREES
     from fit.background._shared import ClassComparison, Verdict, shared
     from fit.background._shared import compare_classes_jointly as compare_classes_jointly
-    from fit.background._shared import contrast_p_value as contrast_p_value
+    from fit.background._shared import compute_contrast_p_value as compute_contrast_p_value
     from fit.background._shared import extend_degrees as extend_degrees
-    from fit.background._shared import pool_draws as pool_draws
+    from fit.background._shared import has_leakage as has_leakage
+    from fit.background._shared import pool_draw_covariances as pool_draw_covariances
     from fit.background._shared import resample_draws as resample_draws
     from fit.background._shared import sample_class_errors as sample_class_errors
-    from fit.background._shared import sees_part as sees_part
     from fit.background._waves import WaveLimit, wave_limit
 
 __all__ = [
@@ -43,7 +43,7 @@ __all__ = [
 ]
 
 # Every fit has a floor; the rest is imported when it is first asked for.
-_SHARED = "BEYOND ClassComparison Verdict compare_classes_jointly contrast_p_value extend_degrees pool_draws"
-_SHARED += " resample_draws sample_class_errors sees_part shared"
+_SHARED = "EXTRA_DEGREES ClassComparison Verdict compare_classes_jointly compute_contrast_p_value extend_degrees"
+_SHARED += " has_leakage pool_draw_covariances resample_draws sample_class_errors shared"
 _LATER = {"_cross": ["CrossPowers", "cross_powers"], "_shared": _SHARED.split(), "_waves": ["WaveLimit", "wave_limit"]}
 __getattr__, __dir__ = lazy_names(__name__, __all__, _LATER)

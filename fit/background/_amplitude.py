@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from scipy.special import gammaln
 
-from fit.background._likelihood import Likelihood, Maximum, find_span, make_gauss_nodes, make_squared_scale_nodes
+from fit.background._likelihood import Likelihood, Maximum, find_root_span, make_gauss_nodes, make_tau_nodes
 from vsh.tools.arguments import between, choice, positive
 from vsh.tools.notebook import Frozen
 from vsh.tools.parallel import limit_blas
@@ -22,7 +22,7 @@ from vsh.tools.types import ArrayLike, FloatArray
 
 #: Densities that an amplitude A is given a priori: 1, A^−½, 1/A.
 Prior: TypeAlias = Literal["flat", "root", "log"]
-_POWERS = {"flat": 1, "root": 0, "log": -1}
+_PRIOR_EXPONENTS = {"flat": 1, "root": 0, "log": -1}
 
 
 def integrate_cumulatively(y: FloatArray, x: FloatArray) -> FloatArray:
@@ -71,8 +71,8 @@ class Amplitude(Frozen):
         lowest : float, optional
             Where a prior flat in ln A begins; a millionth of the largest A unless given.
         """
-        root, share = self._integrate_posterior(prior, lowest)
-        return float(np.interp(between("probability", probability, 0, 1), share, root) ** 2)
+        root, probability_below = self._integrate_posterior(prior, lowest)
+        return float(np.interp(between("probability", probability, 0, 1), probability_below, root) ** 2)
 
     def mean(self, prior: Prior = "flat") -> float:
         """The mean amplitude, with the `prior` of `quantile`."""
@@ -89,34 +89,34 @@ class Amplitude(Frozen):
         """
         root, density = self._compute_posterior_density(prior)
         fine_root = np.linspace(root[0], root[-1], 8 * len(root))
-        density = np.interp(fine_root, root, density)
-        order = np.argsort(-self.likelihood(fine_root**2), kind="stable")
-        share = np.cumsum(density[order]) / density.sum()
-        inside = order[: np.searchsorted(share, between("probability", probability, 0, 1)) + 1]
+        fine_density = np.interp(fine_root, root, density)
+        likeliest_first = np.argsort(-self.likelihood(fine_root**2), kind="stable")
+        cumulative = np.cumsum(fine_density[likeliest_first]) / fine_density.sum()
+        inside = likeliest_first[: np.searchsorted(cumulative, between("probability", probability, 0, 1)) + 1]
         return float(fine_root[inside.min()] ** 2), float(fine_root[inside.max()] ** 2)
 
     def _integrate_posterior(self, prior, lowest=None):
         """√A and the probability below it."""
         root, density = self._compute_posterior_density(prior, lowest)
-        share = integrate_cumulatively(density, root)
-        return root, share / share[-1]
+        probability_below = integrate_cumulatively(density, root)
+        return root, probability_below / probability_below[-1]
 
     def _compute_posterior_density(self, prior, lowest=None):
         """√A and the density of the posterior in it, not normalised."""
-        power = _POWERS[choice("prior", prior, tuple(_POWERS))]
+        exponent = _PRIOR_EXPONENTS[choice("prior", prior, tuple(_PRIOR_EXPONENTS))]
         root, density = self.root, np.exp(self.log_likelihood)
-        if power >= 0:
-            return root, density * root**power
-        start = np.sqrt(positive("lowest", lowest)) if lowest is not None else root[-1] / 1e3
-        root = np.geomspace(start, root[-1], 4 * len(self.root))
+        if exponent >= 0:
+            return root, density * root**exponent
+        lowest_root = np.sqrt(positive("lowest", lowest)) if lowest is not None else root[-1] / 1e3
+        root = np.geomspace(lowest_root, root[-1], 4 * len(self.root))
         return root, np.interp(root, self.root, density, left=density[0]) / root
 
 
 _N_ROOTS = 401
 
 
-def compute_posteriors(
-    likelihood: Likelihood, best: Maximum, amplitude_numbers: Sequence[int] | None = None
+def compute_posteriors_and_evidence(
+    likelihood: Likelihood, maximum: Maximum, indices: Sequence[int] | None = None
 ) -> tuple[list[Amplitude], float]:
     """Posterior of each amplitude, all others marginalised, and ln of the evidence relative to no background.
 
@@ -126,58 +126,58 @@ def compute_posteriors(
     error (Daniels 1999, Canadian J. Statistics 27, 567); that of κ is 1/κ. The evidence is the mean likelihood.
     """
     with limit_blas(len(likelihood.rhs)):
-        grid = _Grid(likelihood, best)
-    pairs = [grid.marginalise(k) for k in (range(len(likelihood)) if amplitude_numbers is None else amplitude_numbers)]
+        grid = _AmplitudeGrid(likelihood, maximum)
+    pairs = [grid.marginalise_others(k) for k in (range(len(likelihood)) if indices is None else indices)]
     return [amplitude for amplitude, _ in pairs], pairs[0][1]
 
 
-class _Grid:
+class _AmplitudeGrid:
     """ln|K| and Q over all amplitudes of interest, and the sums over them."""
 
-    def __init__(self, likelihood: Likelihood, best: Maximum) -> None:
-        self.likelihood, self.best = likelihood, best
-        self.taus, self.weights = make_squared_scale_nodes(likelihood, best)
-        self.spans = [find_span(likelihood, best, k) for k in range(len(likelihood))]
-        self.interpolate = likelihood.make_interpolator(self.spans, self.taus)
+    def __init__(self, likelihood: Likelihood, maximum: Maximum) -> None:
+        self.likelihood, self.maximum = likelihood, maximum
+        self.tau_nodes, self.tau_weights = make_tau_nodes(likelihood, maximum)
+        self.root_spans = [find_root_span(likelihood, maximum, k) for k in range(len(likelihood))]
+        self.interpolate_logdet_and_gain = likelihood.make_interpolator(self.root_spans, self.tau_nodes)
 
-    def marginalise(self, k: int) -> tuple[Amplitude, float]:
+    def marginalise_others(self, k: int) -> tuple[Amplitude, float]:
         """Amplitude k with all others marginalised, and the evidence."""
-        nodes = {k: self._find_unit(k) * np.sinh(np.linspace(self._find_ends(k)[0], self._find_ends(k)[1], _N_ROOTS))}
-        order = [k, *(j for j in range(len(self.spans)) if j != k)]
-        weights = []
-        for j in order[1:]:
-            y, weight = make_gauss_nodes(24, *self._find_ends(j))
-            nodes[j] = self._find_unit(j) * np.sinh(y)
-            weights.append(weight * self._find_unit(j) * np.cosh(y) * self._compute_shrinkage_prior(j, nodes[j]))
+        roots = {k: self._find_unit(k) * np.sinh(np.linspace(self._find_span(k)[0], self._find_span(k)[1], _N_ROOTS))}
+        axis_order = [k, *(j for j in range(len(self.root_spans)) if j != k)]
+        axis_weights = []
+        for j in axis_order[1:]:
+            y, weight = make_gauss_nodes(24, *self._find_span(j))
+            roots[j] = self._find_unit(j) * np.sinh(y)
+            axis_weights.append(weight * self._find_unit(j) * np.cosh(y) * self._compute_shrinkage_prior(j, roots[j]))
         log_likelihoods = []
-        for tau, weight in zip(self.taus, self.weights, strict=True):
-            logdet, gain = self.interpolate([nodes[j] / np.sqrt(tau) for j in sorted(nodes)])
+        for tau, weight in zip(self.tau_nodes, self.tau_weights, strict=True):
+            logdet, gain = self.interpolate_logdet_and_gain([roots[j] / np.sqrt(tau) for j in sorted(roots)])
             log_likelihoods.append(self.likelihood.combine(logdet, gain, tau) + np.log(weight))
-        highest = np.max(log_likelihoods)
-        likelihood = np.transpose(np.exp(log_likelihoods - highest).sum(0), order)
+        highest_log_likelihood = np.max(log_likelihoods)
+        likelihood = np.transpose(np.exp(log_likelihoods - highest_log_likelihood).sum(0), axis_order)
         # Contracting the last axis first, the target stays.
-        marginal = reduce(np.matmul, reversed(weights), likelihood)
-        root = nodes[k]
+        marginal = reduce(np.matmul, reversed(axis_weights), likelihood)
+        root = roots[k]
         integral = integrate_cumulatively(marginal * self._compute_shrinkage_prior(k, root), root)[-1]
-        evidence = float(np.log(integral) + highest) - self._compute_log_evidence_of_none()
+        evidence = float(np.log(integral) + highest_log_likelihood) - self._compute_log_evidence_without_background()
         log_likelihood = np.log(marginal + 1e-300)
         return Amplitude(root, log_likelihood - log_likelihood.max()), evidence
 
     def _find_unit(self, k):
         """√A of the amplitude that is seen at one standard error."""
-        return np.sqrt(self.likelihood.unit[k]) * self.best.noise_scale
+        return np.sqrt(self.likelihood.unit[k]) * self.maximum.noise_scale
 
-    def _find_ends(self, k):
+    def _find_span(self, k):
         """The span by y = arsinh √(A/u), which resolves what is next to zero and what is far from it."""
-        return np.arcsinh(np.array(self.spans[k]) / self._find_unit(k))
+        return np.arcsinh(np.array(self.root_spans[k]) / self._find_unit(k))
 
     def _compute_shrinkage_prior(self, k, root):
         u = self._find_unit(k) ** 2
         return 2 * root * u / (u + root**2) ** 2
 
-    def _compute_log_evidence_of_none(self):
+    def _compute_log_evidence_without_background(self):
         """ln of the likelihood of no background, summed over κ alike."""
         if not self.likelihood.noise_scale:
             return float(self.likelihood.combine(0.0, 0.0, 1.0))
-        half, chi2 = self.likelihood.n_data / 2, self.likelihood.chi2 / 2
-        return float(gammaln(half) - half * np.log(chi2))
+        half_n, half_chi2 = self.likelihood.n_data / 2, self.likelihood.chi2 / 2
+        return float(gammaln(half_n) - half_n * np.log(half_chi2))

@@ -52,7 +52,7 @@ class CrossPowers(Result):
     def _sections(self, long):
         is_significant = (np.abs(self.values) > _MARKED_ERRORS * self.errors_with_floor) & (self.degrees > 1)
         rows = zip(self.templates, self.degrees, is_significant, strict=True)
-        marked = ", ".join(f"{name} (l = {l:.0f})" for name, l, is_seen in rows if is_seen)
+        marked = ", ".join(f"{name} (l = {l:.0f})" for name, l, is_marked in rows if is_marked)
         is_of_motions = self.unit == "µas/yr"
         dipoles = "spin and acceleration themselves" if is_of_motions else "the dipole itself"
         remarks = [
@@ -63,15 +63,15 @@ class CrossPowers(Result):
 
     def to_table(self) -> Table:
         """A row for each template and degree as an astropy Table."""
-        numbers = {"value": self.values, "error": self.errors, "error_with_floor": self.errors_with_floor}
-        columns = {"template": list(self.templates), "degree": self.degrees.astype(int)} | numbers
-        return tables.table_of(columns, {}, dict.fromkeys(numbers, self.unit))
+        value_columns = {"value": self.values, "error": self.errors, "error_with_floor": self.errors_with_floor}
+        columns = {"template": list(self.templates), "degree": self.degrees.astype(int)} | value_columns
+        return tables.table_of(columns, {}, dict.fromkeys(value_columns, self.unit))
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """The projections in units of their errors on matplotlib axes."""
-        from fit.background._plot import plot_cross
+        from fit.background._plot import plot_cross_powers
 
-        return plot_cross(self, ax=ax)
+        return plot_cross_powers(self, ax=ax)
 
 
 def cross_powers(

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.special import softmax
 
-from fit.background._amplitude import compute_posteriors
+from fit.background._amplitude import compute_posteriors_and_evidence
 from fit.background._likelihood import (
     Likelihood,
     check_degrees,
@@ -30,7 +30,7 @@ from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
 from vsh.tools.printing import log_calls
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
-_PUBLISHED: Any = ((Spectrum, LINDEGREN_2021), (ScalarSpectrum, LINDEGREN_2021_PARALLAX))
+_PUBLISHED_COVARIANCES: Any = ((Spectrum, LINDEGREN_2021), (ScalarSpectrum, LINDEGREN_2021_PARALLAX))
 #: Spectra of the systematic errors by name: one power for each mode, what Gaia EDR3's astrometry was published with
 #: (Lindegren et al. 2021), and l⁻², which rises towards degree 1 more steeply than either.
 SHAPES: dict[str, Spectrum]
@@ -41,28 +41,28 @@ SHAPES, SCALAR_SHAPES = (
         "gaia": kind.from_covariance(published, "Gaia's, Lindegren et al. 2021"),
         "steep": kind.of_modes(lambda l: np.maximum(l, 1.0) ** -2, "l⁻² for each mode"),
     }
-    for kind, published in _PUBLISHED
+    for kind, published in _PUBLISHED_COVARIANCES
 )
 
 
 #: Prior odds of the spectra. Both published spectra of Gaia's astrometry rise towards low degrees, and with odds of 3
 #: intervals cover on them (91 % with even odds). Of a steeper one nothing is published; with odds of a half, intervals
 #: cover where the power falls by 7 from degree 1 to 5, and errors grow by 5 % where nothing is systematic.
-_ODDS = {"gaia": 3.0, "steep": 0.5}
+_PRIOR_ODDS = {"gaia": 3.0, "steep": 0.5}
 
 
 #: Up to this degree the steepest spectrum is among the usual ones.
-_STEEP_HIGHEST = 12
+_HIGHEST_WITH_STEEP = 12
 
 
-def list_shapes(highest: int) -> tuple[str, ...]:
+def list_shapes(highest_degree: int) -> tuple[str, ...]:
     """Default spectra to average over: degrees beyond 12 determine the slope, so that "steep" is left out."""
-    return tuple(SHAPES) if highest <= _STEEP_HIGHEST else ("flat", "gaia")
+    return tuple(SHAPES) if highest_degree <= _HIGHEST_WITH_STEEP else ("flat", "gaia")
 
 
-def shape_probabilities(names: Sequence[str], log_evidence: ArrayLike) -> FloatArray:
+def compute_shape_probabilities(shape_names: Sequence[str], log_evidences: ArrayLike) -> FloatArray:
     """The probability of each spectrum, by its evidence and its prior odds."""
-    return softmax(np.asarray(log_evidence) + np.log([_ODDS.get(name, 1.0) for name in names]))
+    return softmax(np.asarray(log_evidences) + np.log([_PRIOR_ODDS.get(name, 1.0) for name in shape_names]))
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -82,10 +82,10 @@ class FloorOfKind(Result):
     unit: str = "µas/yr"
 
     #: What of the low degrees has an error by the floor, and the fields with the powers, and with their intervals.
-    _parameters: ClassVar[tuple[str, str]]
-    _powers: ClassVar[tuple[str, ...]]
-    _shapes: ClassVar[dict[str, Any]]
-    _remark: ClassVar[str] = ""
+    _parameter_names: ClassVar[tuple[str, str]]
+    _power_names: ClassVar[tuple[str, ...]]
+    _spectra_by_shape: ClassVar[dict[str, Any]]
+    _single_shape_remark: ClassVar[str] = ""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self._spell()}, from degrees {format_degrees(self.degrees)}>"
@@ -93,17 +93,17 @@ class FloorOfKind(Result):
     @property
     def errors(self) -> dict[str, float]:
         """The floor in each component of what stands in the low degrees, by its name. [`unit`]"""
-        spectra = [part._make_spectrum(*part.mean) if part.mean else part.spectrum for part in self._by_shape]
+        spectra = [part._make_spectrum(*part.mean) if part.mean else part.spectrum for part in self._shape_floors]
         weights = self.probability or (1.0,)  # the variance of a mixture is the mean of those of the shapes
         return {
             name: float(np.sqrt(np.dot(weights, [getattr(spectrum, f"{name}_error") ** 2 for spectrum in spectra])))
-            for name in self._parameters
+            for name in self._parameter_names
         }
 
     @property
     def powers(self) -> dict[str, tuple[float, float, float]]:
         """Power of each mode with the ends of its 68 % interval, by parity. [square of `unit`]"""
-        return {name: (getattr(self, name), *getattr(self, f"{name}_interval")) for name in self._powers}
+        return {name: (getattr(self, name), *getattr(self, f"{name}_interval")) for name in self._power_names}
 
     @property
     def spectrum(self) -> Any:
@@ -117,7 +117,7 @@ class FloorOfKind(Result):
         raise NotImplementedError
 
     @property
-    def _by_shape(self):
+    def _shape_floors(self):
         return self.parts or (self,)
 
     def _spell(self, digits=3):
@@ -126,10 +126,10 @@ class FloorOfKind(Result):
         return f"{errors} {self.unit}".rstrip()
 
     def _sections(self, long):
-        n_sources = self.n_data // self._shapes["flat"].mode_class.components
-        gain = f"ln L exceeds that without systematic errors by {self.log_likelihood:.2f}"
+        n_sources = self.n_data // self._spectra_by_shape["flat"].mode_class.components
+        gain_phrase = f"ln L exceeds that without systematic errors by {self.log_likelihood:.2f}"
         facts = [("estimated from", f"the power of degrees {format_degrees(self.degrees)} of {n_sources} sources")]
-        facts.append(self._make_likelihood_fact(gain))
+        facts.append(self._make_likelihood_fact(gain_phrase))
         facts += [
             (f"spectrum {part.shape}", f"{100 * p:.0f} %: {part._spell()}")
             for part, p in zip(self.parts, self.probability, strict=True)
@@ -140,23 +140,23 @@ class FloorOfKind(Result):
             f"The powers (median, ends of the 68 % interval) are those of the {self.shape} spectrum; the floor is the "
             "posterior mean, averaged over all spectra with their probabilities as weights."
             if self.parts
-            else self._remark
+            else self._single_shape_remark
         )
         return (Section("Systematic floor", facts, self.to_table(), remarks=[remark]),)
 
-    def _make_likelihood_fact(self, gain):
+    def _make_likelihood_fact(self, gain_phrase):
         """Line of the report on the likelihood."""
-        return ("likelihood", gain)
+        return ("likelihood", gain_phrase)
 
     def to_table(self) -> Table:
         """A row for each power as an astropy Table."""
         powers = list(self.powers.values()) * (len(self.errors) // len(self.powers))
         rows = [(name, *power, error) for (name, error), power in zip(self.errors.items(), powers, strict=True)]
-        names = ("power", "power_low", "power_high")
-        units = dict.fromkeys(names, square_of(self.unit)) | {"floor": self.unit}
-        return tables.table_of_rows(("parameter", *names, "floor"), rows, self._meta(), units)
+        power_columns = ("power", "power_low", "power_high")
+        units = dict.fromkeys(power_columns, square_of(self.unit)) | {"floor": self.unit}
+        return tables.table_of_rows(("parameter", *power_columns, "floor"), rows, self._make_table_metadata(), units)
 
-    def _meta(self):
+    def _make_table_metadata(self):
         return {}
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
@@ -215,7 +215,7 @@ class FloorOfKind(Result):
         except DegeneracyError:  # that the prior alone mends
             plain = formal = None
         changes = {"without_prior": plain, "formal_covariance": formal, "notes": (*solution.notes, note)}
-        return self._add_floor(solution, covariance, chi2=solution.chi2 * tau, **changes)
+        return self._attach_floor(solution, covariance, chi2=solution.chi2 * tau, **changes)
 
     def _average_over_shapes(self, solve, normal):
         """The mean over the shapes, its covariance with their scatter."""
@@ -231,16 +231,16 @@ class FloorOfKind(Result):
             f"{shape_floor.shape} {100 * p:.0f} %" for shape_floor, p in zip(self.parts, weights, strict=True)
         )
         coefficients = replace(best_solution.coefficients, values=mean)
-        return self._add_floor(best_solution, covariance, f" (spectra: {shares})", coefficients=coefficients)
+        return self._attach_floor(best_solution, covariance, f" (spectra: {shares})", coefficients=coefficients)
 
-    def _add_floor(self, solution, covariance, spectra="", **changes):
+    def _attach_floor(self, solution, covariance, spectra_phrase="", **changes):
         """A solution with a covariance that has this floor in it, and what is to be said of that."""
         scale = "" if self.noise_scale == 1 else f" times {self.noise_scale:.4g}"
-        degrees = f"degrees {format_degrees(self.degrees)}{spectra}"
+        degrees = f"degrees {format_degrees(self.degrees)}{spectra_phrase}"
         text = f"{self.errors_from}{scale}, with the systematic floor from {degrees}: {self._spell()} in each component"
         # Those of the catalogue are scaled already.
-        source = ErrorSource.SCALED if self.error_source == ErrorSource.CATALOGUE else self.error_source
-        changes |= {"errors_from": text, "error_source": source, "includes_floor": True, "floor": self}
+        error_source = ErrorSource.SCALED if self.error_source == ErrorSource.CATALOGUE else self.error_source
+        changes |= {"errors_from": text, "error_source": error_source, "includes_floor": True, "floor": self}
         return replace(solution, covariance=covariance, **changes)
 
 
@@ -288,10 +288,10 @@ class Floor(FloorOfKind):
     even_interval: tuple[float, float]
     parity_p_value: float
 
-    _parameters = ("spin", "acceleration")
-    _powers = ("odd", "even")
-    _shapes = SHAPES
-    _remark = (
+    _parameter_names = ("spin", "acceleration")
+    _power_names = ("odd", "even")
+    _spectra_by_shape = SHAPES
+    _single_shape_remark = (
         "A spectrum that rises towards degree 1, as the published one of Gaia EDR3 does, makes the floor too small: "
         "true errors are then 1.2, 1.5, 1.8 times those with the floor from degree 3, 7, 10."
     )
@@ -326,7 +326,7 @@ class Floor(FloorOfKind):
     def _average_interval(self, parity, error_name):
         """Ends of the 68 % intervals of the shapes, as degree 1 has them, averaged by probability."""
         ends = []
-        for shape_floor in self._by_shape:
+        for shape_floor in self._shape_floors:
             unit_error = getattr(shape_floor._make_spectrum(1.0, 1.0), error_name)
             ends.append([unit_error * np.sqrt(end) for end in getattr(shape_floor, f"{parity}_interval")])
         lower, upper = np.asarray(self.probability or (1.0,)) @ np.array(ends)
@@ -336,17 +336,17 @@ class Floor(FloorOfKind):
         shape = SHAPES[self.shape]
         return odd * shape.only("odd") + even * shape.only("even")
 
-    def _make_likelihood_fact(self, gain):
-        return ("parities", f"p = {self.parity_p_value:.3g} that both parities have equal power ({gain})")
+    def _make_likelihood_fact(self, gain_phrase):
+        return ("parities", f"p = {self.parity_p_value:.3g} that both parities have equal power ({gain_phrase})")
 
-    def _meta(self):
+    def _make_table_metadata(self):
         return {"parity_p_value": self.parity_p_value}
 
     def added(self, modes: Modes) -> FloatArray:
         """Addition to the variances of the coefficients of degree 1 among `modes`, zero for the others, (p,)."""
         odd, even, errors = Spectrum.odd(), Spectrum.even(), self.errors
-        spin, glide = errors["spin"] / odd.spin_error, errors["acceleration"] / even.acceleration_error
-        return np.where(modes.degrees == 1, (spin**2 * odd + glide**2 * even).variances(modes), 0.0)
+        spin_scale, glide_scale = errors["spin"] / odd.spin_error, errors["acceleration"] / even.acceleration_error
+        return np.where(modes.degrees == 1, (spin_scale**2 * odd + glide_scale**2 * even).variances(modes), 0.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -368,9 +368,9 @@ class ScalarFloor(FloorOfKind):
     power: float
     power_interval: tuple[float, float]
 
-    _parameters = ("dipole", "mean")
-    _powers = ("power",)
-    _shapes = SCALAR_SHAPES
+    _parameter_names = ("dipole", "mean")
+    _power_names = ("power",)
+    _spectra_by_shape = SCALAR_SHAPES
 
     @property
     def mean_error(self) -> float:
@@ -385,7 +385,7 @@ class ScalarFloor(FloorOfKind):
     @property
     def bands(self) -> list[tuple[str, int, float, float]]:
         """The likeliest 68 % of the power of degrees 0 and 1: kind, degree, and both ends. [square of `unit`]"""
-        powers = [np.outer(part.power_interval, SCALAR_SHAPES[part.shape].power(1)[0]) for part in self._by_shape]
+        powers = [np.outer(part.power_interval, SCALAR_SHAPES[part.shape].power(1)[0]) for part in self._shape_floors]
         ends = np.tensordot(self.probability or (1.0,), powers, 1)
         return [("F", l, float(ends[0, l]), float(ends[1, l])) for l in (0, 1)]
 
@@ -395,8 +395,8 @@ class ScalarFloor(FloorOfKind):
     def added(self, modes: Modes) -> FloatArray:
         """Addition to the variances of the coefficients of degrees 0 and 1 among `modes`, zero for others, (p,)."""
         flat, errors = ScalarSpectrum.flat(), self.errors
-        mean, dipole = errors["mean"] / flat.mean_error, errors["dipole"] / flat.dipole_error
-        return np.select([modes.degrees == 0, modes.degrees == 1], [mean**2, dipole**2 / modes.norm2], 0.0)
+        mean_scale, dipole_scale = errors["mean"] / flat.mean_error, errors["dipole"] / flat.dipole_error
+        return np.select([modes.degrees == 0, modes.degrees == 1], [mean_scale**2, dipole_scale**2 / modes.norm2], 0.0)
 
 
 @log_calls("floor")
@@ -480,8 +480,8 @@ def floor(
     degrees = check_degrees(modes, range(2, modes.lmax + 1) if degrees is None else degrees)
     if degrees[0] < 2:
         raise ModesError(
-            f"degree {degrees[0]} holds the {' and the '.join(kind._parameters)}: a floor is estimated from degrees "
-            "above 1"
+            f"degree {degrees[0]} holds the {' and the '.join(kind._parameter_names)}: a floor is estimated from "
+            "degrees above 1"
         )
     shape_names = [shapes] if isinstance(shapes, str) else list(list_shapes(degrees[-1]) if shapes is None else shapes)
     if not shape_names or not all(isinstance(shape, str) and shape in SHAPES for shape in shape_names):
@@ -489,39 +489,39 @@ def floor(
     free_degrees = tuple(l for l in range(modes.lowest, modes.lmax + 1) if l not in degrees)
     fit_scale = should_fit_scale(normal, noise_scale)
     estimates = [
-        _estimate_for_shape(kind, shape, equations, degrees, free_degrees, fit_scale, find_error_source(normal))
+        _estimate_floor(kind, shape, equations, degrees, free_degrees, fit_scale, find_error_source(normal))
         for shape in shape_names
     ]
     floors, evidences = zip(*estimates, strict=True)
     if len(floors) == 1:
         return replace(floors[0], mean=None)
-    probability = shape_probabilities(shape_names, evidences)
-    return replace(floors[0], mean=None, parts=floors, probability=tuple(probability.tolist()))
+    probabilities = compute_shape_probabilities(shape_names, evidences)
+    return replace(floors[0], mean=None, parts=floors, probability=tuple(probabilities.tolist()))
 
 
-def _estimate_for_shape(kind, name, equations, degrees, free_degrees, fit_scale, error_origin):
+def _estimate_floor(floor_class, shape_name, equations, degrees, free_degrees, fit_scale, error_origin):
     """The floor for one shape of the spectrum, and ln of its evidence."""
-    shape = kind._shapes[name]
-    spectra = [shape.only("odd"), shape.only("even")] if kind is Floor else [shape]
+    spectrum = floor_class._spectra_by_shape[shape_name]
+    spectra = [spectrum.only("odd"), spectrum.only("even")] if floor_class is Floor else [spectrum]
     likelihood = Likelihood(equations, spectra, degrees, free_degrees, fit_scale)
-    best = likelihood.maximum()
-    amplitudes, evidence = compute_posteriors(likelihood, best)
+    maximum = likelihood.find_maximum()
+    amplitudes, evidence = compute_posteriors_and_evidence(likelihood, maximum)
     powers: dict[str, Any] = {}
-    for power, amplitude in zip(kind._powers, amplitudes, strict=True):
-        powers |= {power: amplitude.quantile(0.5, "root"), f"{power}_interval": amplitude.interval(0.68, "root")}
-    if kind is Floor:  # beside one power for both parities
-        common = Likelihood(equations, [shape], degrees, free_degrees, fit_scale).maximum()
-        powers["parity_p_value"] = compute_parity_p_value(best.log_likelihood, common.log_likelihood)
-    estimate = kind(
+    for name, amplitude in zip(floor_class._power_names, amplitudes, strict=True):
+        powers |= {name: amplitude.quantile(0.5, "root"), f"{name}_interval": amplitude.interval(0.68, "root")}
+    if floor_class is Floor:  # beside one power for both parities
+        common_maximum = Likelihood(equations, [spectrum], degrees, free_degrees, fit_scale).find_maximum()
+        powers["parity_p_value"] = compute_parity_p_value(maximum.log_likelihood, common_maximum.log_likelihood)
+    estimated_floor = floor_class(
         **powers,
         degrees=degrees,
-        noise_scale=best.noise_scale,
-        log_likelihood=best.log_likelihood,
+        noise_scale=maximum.noise_scale,
+        log_likelihood=maximum.log_likelihood,
         n_data=equations.n_data,
         errors_from=error_origin[0],
-        shape=name,
+        shape=shape_name,
         mean=tuple(amplitude.mean("root") for amplitude in amplitudes),
         error_source=error_origin[1],
         unit=equations.unit or "",
     )
-    return estimate, evidence
+    return estimated_floor, evidence

@@ -35,27 +35,27 @@ from vsh.tools.parallel import limit_blas
 from vsh.tools.types import FloatArray, IntArray
 
 #: How far below its maximum the likelihood is followed: e^−18.
-_DROP = 18.0
+_FOLLOWED_DROP = 18.0
 #: From roots of each amplitude to ln|K| and Q on their tensor.
-OnTensor: TypeAlias = Callable[[list[FloatArray]], FloatArray]
+TensorFunction: TypeAlias = Callable[[list[FloatArray]], FloatArray]
 
 
 def compute_logdet_and_gain(matrix: FloatArray, rhs: FloatArray, variances: FloatArray) -> tuple[float, float]:
     """ln|K| and Q of coefficients with variances D, for errors of scale one."""
-    root, k = make_kernel(matrix, variances)
-    side = root * rhs
-    factor, solution, info = dposv(k, side, lower=1, overwrite_a=1)
+    root, kernel = make_root_and_kernel(matrix, variances)
+    right_side = root * rhs
+    factor, solution, info = dposv(kernel, right_side, lower=1, overwrite_a=1)
     if info:  # cannot be: K is the identity and more
         raise DegeneracyError("the normal matrix is not positive: it is no sum over sources")
-    return 2 * float(np.log(factor.diagonal()).sum()), float(side @ solution)
+    return 2 * float(np.log(factor.diagonal()).sum()), float(right_side @ solution)
 
 
-def make_kernel(matrix: FloatArray, variances: FloatArray) -> tuple[FloatArray, FloatArray]:
+def make_root_and_kernel(matrix: FloatArray, variances: FloatArray) -> tuple[FloatArray, FloatArray]:
     """√D, and K = I + D^½ N D^½ in the order that LAPACK overwrites."""
     root = np.sqrt(variances)
-    k = np.multiply(matrix, root[:, None] * root, order="F")
-    k.ravel("K")[:: len(k) + 1] += 1
-    return root, k
+    kernel = np.multiply(matrix, root[:, None] * root, order="F")
+    kernel.ravel("K")[:: len(kernel) + 1] += 1
+    return root, kernel
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,19 +74,19 @@ class Axis:
             return np.array([self.low])
         return self._compute_value(np.cos(np.pi * (np.arange(self.count) + 0.5) / self.count))
 
-    def basis(self, value: FloatArray) -> FloatArray:
+    def evaluate_basis(self, value: FloatArray) -> FloatArray:
         """Chebyshev polynomials at values inside the limits, (n, count)."""
         if self.count == 1:
             return np.ones((value.size, 1))
-        a, b = self._ends
+        a, b = self._transformed_ends
         return chebyshev.chebvander((2 * np.arcsinh(value / self.scale) - a - b) / (b - a), self.count - 1)
 
     def to_coefficients(self, table: FloatArray, axis: int) -> FloatArray:
         """Convert values at the nodes, along one axis of a table, to Chebyshev coefficients."""
-        vander = self.basis(self.nodes)
+        vander = self.evaluate_basis(self.nodes)
         return np.moveaxis(np.tensordot(np.linalg.inv(vander), table, (1, axis)), 0, axis)
 
-    def finer(self) -> "Axis":
+    def refine(self) -> "Axis":
         """An axis with more nodes."""
         return Axis(self.low, self.high, self.scale, 2 * self.count if self.count > 1 else 1)
 
@@ -95,11 +95,11 @@ class Axis:
         return self._compute_value(2 * np.asarray(fraction) - 1) if self.count > 1 else np.full(len(fraction), self.low)
 
     @property
-    def _ends(self):
+    def _transformed_ends(self):
         return np.arcsinh(self.low / self.scale), np.arcsinh(self.high / self.scale)
 
     def _compute_value(self, t):
-        a, b = self._ends
+        a, b = self._transformed_ends
         return np.clip(self.scale * np.sinh((t * (b - a) + a + b) / 2), self.low, self.high)
 
 
@@ -142,9 +142,9 @@ class Amplitudes(InNotebook):
 
     def __init__(self, matrix: FloatArray, rhs: FloatArray, shares: FloatArray) -> None:
         self.matrix, self.rhs, self.shares = matrix, rhs, shares
-        information = matrix**2
-        self.unit = np.array([1 / np.sqrt(max(share @ information @ share / 2, 1e-300)) for share in shares])
-        self._eigen = _diagonalise(matrix, rhs, shares[0]) if len(shares) == 1 else None
+        squared_matrix = matrix**2
+        self.unit = np.array([1 / np.sqrt(max(share @ squared_matrix @ share / 2, 1e-300)) for share in shares])
+        self._eigenvalues_and_squares = _diagonalise(matrix, rhs, shares[0]) if len(shares) == 1 else None
 
     def __len__(self) -> int:
         return len(self.shares)
@@ -162,47 +162,47 @@ class Amplitudes(InNotebook):
 
     def parts(self, amplitudes: FloatArray) -> tuple[float, float]:
         """ln|K| and Q of `amplitudes`, (k,)."""
-        if self._eigen is not None:
-            values, squares = amplitudes[0] * np.array(self._eigen)
-            return float(np.log1p(values).sum()), float(np.sum(squares / (1 + values)))
+        if self._eigenvalues_and_squares is not None:
+            ratios, scaled_squares = amplitudes[0] * np.array(self._eigenvalues_and_squares)
+            return float(np.log1p(ratios).sum()), float(np.sum(scaled_squares / (1 + ratios)))
         return compute_logdet_and_gain(self.matrix, self.rhs, amplitudes @ self.shares)
 
     def on_tensor(self, roots: list[FloatArray]) -> FloatArray:
         """ln|K| and Q on the tensor of the `roots` of the amplitudes, (2, …)."""
-        if self._eigen is not None:
-            values, squares = (roots[0][:, None] ** 2 * array for array in self._eigen)
-            return np.array([np.log1p(values).sum(1), np.sum(squares / (1 + values), 1)])
+        if self._eigenvalues_and_squares is not None:
+            ratios, scaled_squares = (roots[0][:, None] ** 2 * array for array in self._eigenvalues_and_squares)
+            return np.array([np.log1p(ratios).sum(1), np.sum(scaled_squares / (1 + ratios), 1)])
         if len(roots) == 2 and not (self.shares[0] * self.shares[1]).any():
             return self._evaluate_on_plane(*roots)
-        values = np.empty((2, *map(len, roots)))
+        logdets_and_gains = np.empty((2, *map(len, roots)))
         for index in np.ndindex(*map(len, roots)):
             amplitudes = np.array([axis[i] ** 2 for axis, i in zip(roots, index, strict=True)])
-            values[(slice(None), *index)] = self.parts(amplitudes)
-        return values
+            logdets_and_gains[(slice(None), *index)] = self.parts(amplitudes)
+        return logdets_and_gains
 
-    def _evaluate_on_plane(self, first, second):
+    def _evaluate_on_plane(self, first_roots, second_roots):
         """`on_tensor` of two fields that share no coefficient: for each amplitude of the second in closed form."""
         of_first, of_second = (np.flatnonzero(share) for share in self.shares)
         root = np.sqrt(self.shares.sum(0))
         matrix, rhs = self.matrix * root[:, None] * root, self.rhs * root
-        values, vectors = np.linalg.eigh(matrix[np.ix_(of_second, of_second)])
-        cross, side = matrix[np.ix_(of_first, of_second)] @ vectors, vectors.T @ rhs[of_second]
-        values = np.maximum(values, 0.0)
-        kept = second[:, None] ** 2 / (1 + second[:, None] ** 2 * values)
+        second_eigenvalues, vectors = np.linalg.eigh(matrix[np.ix_(of_second, of_second)])
+        cross, second_rhs = matrix[np.ix_(of_first, of_second)] @ vectors, vectors.T @ rhs[of_second]
+        second_eigenvalues = np.maximum(second_eigenvalues, 0.0)
+        kept = second_roots[:, None] ** 2 / (1 + second_roots[:, None] ** 2 * second_eigenvalues)
         # What the data say of the first field once the second is marginalised, for each of its amplitudes.
         inner, vectors = np.linalg.eigh(matrix[np.ix_(of_first, of_first)] - (cross * kept[:, None]) @ cross.T)
-        squares = np.einsum("jki,jk->ji", vectors, rhs[of_first] - (kept * side) @ cross.T) ** 2
-        ratios = first[:, None, None] ** 2 * np.maximum(inner, 0.0)
-        logdet = np.log1p(ratios).sum(2) + np.log1p(second[:, None] ** 2 * values).sum(1)
-        gain = np.sum(first[:, None, None] ** 2 * squares / (1 + ratios), 2) + kept @ side**2
+        squares = np.einsum("jki,jk->ji", vectors, rhs[of_first] - (kept * second_rhs) @ cross.T) ** 2
+        ratios = first_roots[:, None, None] ** 2 * np.maximum(inner, 0.0)
+        logdet = np.log1p(ratios).sum(2) + np.log1p(second_roots[:, None] ** 2 * second_eigenvalues).sum(1)
+        gain = np.sum(first_roots[:, None, None] ** 2 * squares / (1 + ratios), 2) + kept @ second_rhs**2
         return np.array([logdet, gain])
 
     def slopes(self, amplitudes: FloatArray) -> tuple[float, float, FloatArray, FloatArray]:
         """ln|K|, Q, and what they change by with each of the `amplitudes`, (k,)."""
-        if self._eigen is not None:
-            values, squares = self._eigen
-            remainder = 1 / (1 + amplitudes[0] * values)
-            return (*self.parts(amplitudes), np.sum(values * remainder), np.sum(squares * remainder**2))
+        if self._eigenvalues_and_squares is not None:
+            eigenvalues, squares = self._eigenvalues_and_squares
+            remainder = 1 / (1 + amplitudes[0] * eigenvalues)
+            return (*self.parts(amplitudes), np.sum(eigenvalues * remainder), np.sum(squares * remainder**2))
         factor, w, t = self._solve_kernel(amplitudes)
         remainder = self.rhs - w @ t
         diagonal = np.diag(self.matrix) - np.sum(t * t, 0)
@@ -210,8 +210,8 @@ class Amplitudes(InNotebook):
 
     def information(self, amplitudes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tr(D_j M D_k M) and Tr(D_k M) of the information M = N − N R K⁻¹ R N that some `amplitudes` leave."""
-        if self._eigen is not None:
-            remaining = self._eigen[0] / (1 + amplitudes[0] * self._eigen[0])
+        if self._eigenvalues_and_squares is not None:
+            remaining = self._eigenvalues_and_squares[0] / (1 + amplitudes[0] * self._eigenvalues_and_squares[0])
             return np.array([[np.sum(remaining**2)]]), np.array([np.sum(remaining)])
         t = self._solve_kernel(amplitudes)[-1]
         remaining = self.matrix - t.T @ t
@@ -219,10 +219,10 @@ class Amplitudes(InNotebook):
 
     def _solve_kernel(self, amplitudes):
         """L of K = L Lᵀ, L⁻¹ R b, and the T = L⁻¹ R N of the information N − TᵀT that is left."""
-        root, k = make_kernel(self.matrix, amplitudes @ self.shares)
-        factor = cholesky(k, lower=True, overwrite_a=True, check_finite=False)
-        sides = np.column_stack([root * self.rhs, root[:, None] * self.matrix])
-        solution = solve_triangular(factor, sides, lower=True, check_finite=False)
+        root, kernel = make_root_and_kernel(self.matrix, amplitudes @ self.shares)
+        factor = cholesky(kernel, lower=True, overwrite_a=True, check_finite=False)
+        right_sides = np.column_stack([root * self.rhs, root[:, None] * self.matrix])
+        solution = solve_triangular(factor, right_sides, lower=True, check_finite=False)
         return factor, solution[:, 0], solution[:, 1:]
 
 
@@ -255,11 +255,11 @@ class Likelihood(Amplitudes):
         super().__init__(matrix, rhs, shapes)
         self.n_data = normal.n_data - len(free_indices)
         # Where errors have no scale it is a constant of ln L, whose rounding is large if one source is far off.
-        self._chi2 = self.chi2 if noise_scale else 0.0
+        self._chi2_if_scaled = self.chi2 if noise_scale else 0.0
         if noise_scale and self.n_data <= 0:
             raise DegeneracyError(f"{normal.n_data} numbers do not tell the scale of their errors: noise_scale=False")
         self.noise_scale = bool(noise_scale)
-        self._start = np.ones(len(shapes))  # of a search
+        self._search_start = np.ones(len(shapes))  # of a search
         if self.noise_scale and self.chi2 - self.parts(1e9 * self.unit)[1] <= 1e-9 * normal.chi2_null:
             raise DegeneracyError(
                 "the residuals are zero: they do not tell the scale of the errors (noise_scale=False)"
@@ -269,24 +269,24 @@ class Likelihood(Amplitudes):
         """ln L, relative to that of no background with errors as they are."""
         tau = noise_scale**2
         logdet, gain = self.parts(np.atleast_1d(np.asarray(amplitudes, float)) / tau)
-        return float(self.combine(logdet, gain, tau)) + self._chi2 / 2
+        return float(self.combine(logdet, gain, tau)) + self._chi2_if_scaled / 2
 
     def combine(
         self, logdet: FloatArray | float, gain: FloatArray | float, tau: FloatArray | float
     ) -> FloatArray | float:
         """Combine ln|K|, Q and κ² to ln L, up to a constant."""
-        return -self.n_data / 2 * np.log(tau) - logdet / 2 - (self._chi2 - gain) / (2 * tau)
+        return -self.n_data / 2 * np.log(tau) - logdet / 2 - (self._chi2_if_scaled - gain) / (2 * tau)
 
-    def scale(self, gain: float) -> float:
+    def find_best_tau(self, gain: float) -> float:
         """κ² where it is likeliest, for some ratios."""
         return max((self.chi2 - gain) / self.n_data, 1e-300) if self.noise_scale else 1.0
 
     def profile_log_likelihood(self, ratios: FloatArray) -> float:
         """ln L of ratios, with κ where it is likeliest, up to the same constant."""
         logdet, gain = self.parts(ratios)
-        return float(self.combine(logdet, gain, self.scale(gain)))
+        return float(self.combine(logdet, gain, self.find_best_tau(gain)))
 
-    def make_interpolator(self, spans: Sequence[tuple[float, float]], taus: FloatArray) -> OnTensor:
+    def make_interpolator(self, spans: Sequence[tuple[float, float]], taus: FloatArray) -> TensorFunction:
         """ln|K| and Q on the tensor of any √a within the spans: by polynomials, or exactly for one spectrum."""
         if len(spans) == 1:
             return self.on_tensor
@@ -295,29 +295,29 @@ class Likelihood(Amplitudes):
             n_nodes = min(n_nodes, 12)
         limits = np.array(spans) / np.sqrt([taus[-1], taus[0]])
         axes = [Axis(low, high, u, n_nodes) for (low, high), u in zip(limits, np.sqrt(self.unit), strict=True)]
-        series = self.on_tensor([axis.nodes for axis in axes])
+        coefficients = self.on_tensor([axis.nodes for axis in axes])
         for k, axis in enumerate(axes):
-            series = axis.to_coefficients(series, k + 1)
+            coefficients = axis.to_coefficients(coefficients, k + 1)
 
-        def interpolate(roots):
-            array = series
+        def interpolate_logdet_and_gain(roots):
+            contracted = coefficients
             # Contracting the first axis behind the two quantities once an amplitude comes back to their order.
-            for x, axis in zip(roots, axes, strict=True):
-                array = np.moveaxis(np.tensordot(axis.basis(x), array, (1, 1)), 0, -1)
-            return array
+            for root, axis in zip(roots, axes, strict=True):
+                contracted = np.moveaxis(np.tensordot(axis.evaluate_basis(root), contracted, (1, 1)), 0, -1)
+            return contracted
 
-        return interpolate
+        return interpolate_logdet_and_gain
 
-    def maximum(self) -> Maximum:
+    def find_maximum(self) -> Maximum:
         """Amplitude of the maximum."""
         with limit_blas(len(self.rhs)):
-            best = self._start = self._minimise_loss(self._start)
-            ratios = self.unit * np.expm1(best)
-            ratios[best < 1e-6] = 0.0  # rounding of the search is no background
+            log1p_ratios = self._search_start = self._minimise_loss(self._search_start)
+            ratios = self.unit * np.expm1(log1p_ratios)
+            ratios[log1p_ratios < 1e-6] = 0.0  # rounding of the search is no background
             logdet, gain = self.parts(ratios)
-        tau = self.scale(gain)
+        tau = self.find_best_tau(gain)
         # Relative to no background, where K = I and Q = 0.
-        log_likelihood = float(self.combine(logdet, gain, tau)) - float(self.combine(0.0, 0.0, self.scale(0.0)))
+        log_likelihood = float(self.combine(logdet, gain, tau)) - float(self.combine(0.0, 0.0, self.find_best_tau(0.0)))
         return Maximum(ratios * tau, float(np.sqrt(tau)), max(log_likelihood, 0.0))
 
     def _minimise_loss(self, x):
@@ -328,9 +328,9 @@ class Likelihood(Amplitudes):
             if np.abs(slope[is_free]).max(initial=0.0) < 1e-8:
                 break
             hessian = np.array([self._compute_loss(x + 1e-5 * axis)[1] - slope for axis in np.eye(len(x))]) / 1e-5
-            values, vectors = np.linalg.eigh((hessian + hessian.T)[np.ix_(is_free, is_free)] / 2)
+            eigenvalues, eigenvectors = np.linalg.eigh((hessian + hessian.T)[np.ix_(is_free, is_free)] / 2)
             step = np.zeros(len(x))
-            step[is_free] = -vectors @ (vectors.T @ slope[is_free] / np.maximum(np.abs(values), 1e-8))
+            step[is_free] = -eigenvectors @ (eigenvectors.T @ slope[is_free] / np.maximum(np.abs(eigenvalues), 1e-8))
             for fraction in 0.5 ** np.arange(30):
                 trial = np.clip(x + fraction * np.clip(step, -3, 3), 0, 60)
                 trial_loss, trial_slope = self._compute_loss(trial)
@@ -344,63 +344,63 @@ class Likelihood(Amplitudes):
     def _compute_loss(self, x):
         """−ln L by a = unit (eˣ − 1), which is linear next to zero and logarithmic far from it; and its gradient."""
         logdet, gain, by_logdet, by_gain = self.slopes(self.unit * np.expm1(x))
-        tau = self.scale(gain)
+        tau = self.find_best_tau(gain)
         slope = (by_logdet - by_gain / tau) / 2
         return -float(self.combine(logdet, gain, tau)), slope * self.unit * np.exp(x)
 
 
-def compute_parity_p_value(separate: float, common: float) -> float:
+def compute_parity_p_value(separate_log_likelihood: float, common_log_likelihood: float) -> float:
     """Probability that two parities of one power look as different, by ln L of separate and of common powers."""
-    return float(chdtrc(1, max(2 * (separate - common), 0.0)))
+    return float(chdtrc(1, max(2 * (separate_log_likelihood - common_log_likelihood), 0.0)))
 
 
-def _eliminate_free_degrees(normal, free_indices, indices):
+def _eliminate_free_degrees(normal, free_indices, kept_indices):
     """Reduced N', b', χ0' of `indices`, with `free_indices` fitted freely: DegeneracyError if they cannot be."""
     if not len(free_indices):
-        return normal.matrix[np.ix_(indices, indices)], normal.rhs[indices], float(normal.chi2_null)
+        return normal.matrix[np.ix_(kept_indices, kept_indices)], normal.rhs[kept_indices], float(normal.chi2_null)
     free_matrix = normal.matrix[np.ix_(free_indices, free_indices)]
     scale = np.sqrt(np.maximum(np.diag(free_matrix), 0))
     if not (scale > 0).all() or np.linalg.eigvalsh(free_matrix / np.outer(scale, scale))[0] < 1e-10:
         raise DegeneracyError(
             f"{normal.n_sources} sources do not determine the {len(free_indices)} coefficients that are fitted freely"
         )
-    matrix, rhs, gain = eliminate(normal.matrix, normal.rhs, indices, free_indices)
+    matrix, rhs, gain = eliminate(normal.matrix, normal.rhs, kept_indices, free_indices)
     return matrix, rhs, float(normal.chi2_null - gain)
 
 
-def _diagonalise(matrix, rhs, shape):
+def _diagonalise(matrix, rhs, variances):
     """Eigenvalues λ of D^½ N' D^½, and the squares of the right-hand side along them."""
-    root = np.sqrt(shape)
-    values, vectors = np.linalg.eigh(matrix * np.outer(root, root))
-    return np.maximum(values, 0.0), (vectors.T @ (root * rhs)) ** 2
+    root = np.sqrt(variances)
+    eigenvalues, eigenvectors = np.linalg.eigh(matrix * np.outer(root, root))
+    return np.maximum(eigenvalues, 0.0), (eigenvectors.T @ (root * rhs)) ** 2
 
 
-def make_squared_scale_nodes(likelihood: Likelihood, best: Maximum) -> tuple[FloatArray, FloatArray]:
+def make_tau_nodes(likelihood: Likelihood, maximum: Maximum) -> tuple[FloatArray, FloatArray]:
     """κ² and the weights of a sum over ln κ²."""
     if not likelihood.noise_scale:
         return np.ones(1), np.ones(1)
     reach = 4.5 * np.sqrt(2 / likelihood.n_data)
-    log_scale2, weight = make_gauss_nodes(9, -reach, reach)
-    return best.noise_scale**2 * np.exp(log_scale2), weight
+    log_scale2, weights = make_gauss_nodes(9, -reach, reach)
+    return maximum.noise_scale**2 * np.exp(log_scale2), weights
 
 
-def make_gauss_nodes(number: int, low: float, high: float) -> tuple[FloatArray, FloatArray]:
+def make_gauss_nodes(n_nodes: int, low: float, high: float) -> tuple[FloatArray, FloatArray]:
     """Nodes and weights of an integral from low to high."""
-    node, weight = np.polynomial.legendre.leggauss(number)
-    return low + (high - low) * (node + 1) / 2, weight * (high - low) / 2
+    nodes, weights = np.polynomial.legendre.leggauss(n_nodes)
+    return low + (high - low) * (nodes + 1) / 2, weights * (high - low) / 2
 
 
-def find_span(likelihood: Likelihood, best: Maximum, k: int) -> tuple[float, float]:
+def find_root_span(likelihood: Likelihood, maximum: Maximum, k: int) -> tuple[float, float]:
     """Range in which √A_k is followed, the others at their maximum."""
-    tau = best.noise_scale**2
-    highest = likelihood.profile_log_likelihood(best.amplitudes / tau)
+    tau = maximum.noise_scale**2
+    highest_log_likelihood = likelihood.profile_log_likelihood(maximum.amplitudes / tau)
 
-    def has_dropped(x):
-        amplitudes = np.array(best.amplitudes)
-        amplitudes[k] = x * x
-        return highest - likelihood.profile_log_likelihood(amplitudes / tau) > _DROP
+    def has_dropped(trial_root):
+        trial_amplitudes = np.array(maximum.amplitudes)
+        trial_amplitudes[k] = trial_root * trial_root
+        return highest_log_likelihood - likelihood.profile_log_likelihood(trial_amplitudes / tau) > _FOLLOWED_DROP
 
-    root = np.sqrt(best.amplitudes[k])
+    root = np.sqrt(maximum.amplitudes[k])
     step = np.sqrt(likelihood.unit[k] * tau)
     upper = root + step
     while not has_dropped(upper) and upper < 1e6 * (root + step):
@@ -410,14 +410,14 @@ def find_span(likelihood: Likelihood, best: Maximum, k: int) -> tuple[float, flo
 
 def _bisect_edge(is_outside, outside, inside):
     for _ in range(6):
-        middle = (outside + inside) / 2
-        outside, inside = (middle, inside) if is_outside(middle) else (outside, middle)
+        midpoint = (outside + inside) / 2
+        outside, inside = (midpoint, inside) if is_outside(midpoint) else (outside, midpoint)
     return outside
 
 
 def equations_of(source: Any, scalars: bool = False) -> NormalEquations:
     """Normal equations of data alone: as they are less their prior, or those that a solution is the solution of."""
-    source = _find_underlying_solution(source)
+    source = _unwrap_solution(source)
     if not scalars and isinstance(source, NormalEquations | Solution) and source.modes.components != 2:
         raise ParameterError(
             "this is of fields of motions: their spectra have toroidal and spheroidal parts, and a scalar field has "
@@ -463,7 +463,7 @@ def equations_of(source: Any, scalars: bool = False) -> NormalEquations:
 
 def find_error_source(source: Any) -> tuple[str, ErrorSource]:
     """Source of the errors, in words and as an ErrorSource; normal equations have those of the catalogue."""
-    solution = _find_underlying_solution(source)
+    solution = _unwrap_solution(source)
     return (getattr(solution, "errors_from", "the catalogue"), getattr(solution, "error_source", ErrorSource.CATALOGUE))
 
 
@@ -483,10 +483,10 @@ def check_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[in
     lowest = modes.lowest
     if not unique_degrees or len(unique_degrees) != len(set(requested)):
         raise ModesError(f"{name} must be whole numbers from {lowest} on, one at least, not {degrees!r}")
-    missing = [l for l in unique_degrees if not lowest <= l <= modes.lmax]
-    if missing:
-        text = f"these normal equations go from degree {lowest} to {modes.lmax}"
-        raise ModesError(f"degree {missing[0]} is not fitted: {text}")
+    missing_degrees = [l for l in unique_degrees if not lowest <= l <= modes.lmax]
+    if missing_degrees:
+        fitted_range = f"these normal equations go from degree {lowest} to {modes.lmax}"
+        raise ModesError(f"degree {missing_degrees[0]} is not fitted: {fitted_range}")
     return tuple(unique_degrees)
 
 
@@ -503,5 +503,5 @@ def format_degrees(degrees: Sequence[int]) -> str:
     return ", ".join(map(str, degrees))
 
 
-def _find_underlying_solution(source):
+def _unwrap_solution(source):
     return getattr(source, "resampled_solution", getattr(source, "solution", source))

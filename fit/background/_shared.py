@@ -21,14 +21,14 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fit.background._blocks import (
-    EFFECTIVE,
+    MIN_EFFECTIVE_DRAWS,
     ClassEquations,
     ShapeDraws,
-    compute_condition,
+    compute_condition_number,
     map_parities,
     reduce_class_equations,
     resample_draws,
-    sample_shapes,
+    sample_amplitudes_by_shape,
 )
 from fit.background._floor import SCALAR_SHAPES, SHAPES, list_shapes
 from fit.background._likelihood import equations_of, format_degrees, should_fit_scale
@@ -50,9 +50,9 @@ from vsh.tools.types import ArrayLike, AxesArray, BoolArray, FloatArray, OnAxes,
 
 #: Beyond this condition of its normal matrix a class takes higher degrees for lower ones: the sky outside the Galactic
 #: plane has 14 at degree 5, two caps beyond latitude 40° have 1300.
-PART = 100.0
+PART_SKY_CONDITION = 100.0
 #: Equations of so many degrees more allow for that.
-BEYOND = 3
+EXTRA_DEGREES = 3
 #: Beyond this condition of its normal matrix a class sees too little of the sky to separate degrees.
 _MAX_CONDITION = 1e5
 
@@ -156,7 +156,7 @@ class ClassComparison(Result):
     def covariance(self) -> FloatArray:
         """Covariance of degree 1 of all classes, (f K, f K). [square of `unit`]"""
         size = self.values.size
-        return pool_draws(self.means, self.covariances).reshape(size, size)
+        return pool_draw_covariances(self.means, self.covariances).reshape(size, size)
 
     @property
     def solutions(self) -> list[Solution]:
@@ -180,7 +180,7 @@ class ClassComparison(Result):
         kind : {"T", "S"} or {"mean", "dipole"}, optional
             The spin or the acceleration alone; the mean or the dipole of a scalar field.
         """
-        return self._compute_p_value(kind, None)
+        return self._compute_change_p_value(kind, None)
 
     def p_value(self, kind: str, i: int = 0, less: int | None = None) -> float:
         """p-value of the spin or the acceleration of a class, or of its difference from another class.
@@ -197,9 +197,9 @@ class ClassComparison(Result):
         less : int, optional
             Number of another that is subtracted: whether the two are alike.
         """
-        block = self._slice_of_kind(kind)
+        block = self._select_kind_slice(kind)
         row = np.eye(len(self))[i] - (0 if less is None else np.eye(len(self))[less])
-        return contrast_p_value(self.means[:, :, block], self.covariances[:, :, block][..., block], row[None])
+        return compute_contrast_p_value(self.means[:, :, block], self.covariances[:, :, block][..., block], row[None])
 
     def trend(self, x: Iterable[float] | None = None, kind: str | None = None) -> float:
         """p-value of no slope along the classes.
@@ -219,7 +219,7 @@ class ClassComparison(Result):
         positions = np.arange(len(self), dtype=float) if x is None else np.asarray(list(x), float)
         if positions.shape != (len(self),) or not np.ptp(positions) > 0:
             raise ParameterError(f"a trend needs a place for each of {len(self)} classes, not all the same")
-        return self._compute_p_value(kind, positions)
+        return self._compute_change_p_value(kind, positions)
 
     def verdict(self, n: int = 4000, rng: Rng = 1) -> Verdict:
         """Test whether the dipole changes along the classes: the largest difference, after allowing for the search.
@@ -242,19 +242,19 @@ class ClassComparison(Result):
             root = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) * np.eye(size))
             skies.append(random.normal(size=(skies_per_draw, size)) @ root.T)
         class_values = np.concatenate(skies).reshape(-1, *self.values.shape)
-        p_values, ranks, names = [], [], []
-        for row, kind, name in self._make_contrasts():
-            block = self._slice_of_kind(kind)
+        p_values, ranks, contrast_names = [], [], []
+        for row, kind, contrast_name in self._make_contrasts():
+            block = self._select_kind_slice(kind)
             contrast_covariance = np.einsum("i,iajb,j->ab", row, self._fold_covariance()[:, block][:, :, :, block], row)
             differences = np.einsum("i,nia->na", row, class_values[:, :, block])
             chi2 = np.einsum("na,ab,nb->n", differences, np.linalg.inv(contrast_covariance), differences)
             p_values.append(chdtrc(block.stop - block.start, chi2))
-            ranks.append((p_values[-1][0], -chi2[0] / (block.stop - block.start)))  # by size where p underflows
-            names.append(name)
+            ranks.append((p_values[-1][0], -chi2[0] / (block.stop - block.start)))  # by size if p underflows
+            contrast_names.append(contrast_name)
         smallest = np.min(p_values, axis=0)
-        index = ranks.index(min(ranks))
-        p = float((1 + np.sum(smallest[1:] <= smallest[0])) / len(smallest))
-        return Verdict(p, float(smallest[0]), names[index], len(names))
+        largest_index = ranks.index(min(ranks))
+        p_value = float((1 + np.sum(smallest[1:] <= smallest[0])) / len(smallest))
+        return Verdict(p_value, float(smallest[0]), contrast_names[largest_index], len(contrast_names))
 
     def power(self, kind: str) -> tuple[float, float, float]:
         """Median and 68 % interval of the common systematic error of a component. [µas/yr]
@@ -264,18 +264,18 @@ class ClassComparison(Result):
         kind : {"T", "S"} or "dipole"
             For the spin or the acceleration, or the dipole of a scalar field.
         """
-        kinds = [each for each in self.parameters if each != "mean"]
-        common = self.shares[:, kinds.index(choice("kind", kind, kinds))]
-        smallest = common.min((1, 2)) if len(self) > 1 else common[:, 0, 0]
-        unit = ScalarSpectrum.flat().dipole_error if kind == "dipole" else Spectrum.flat().spin_error
-        errors = np.sqrt(np.maximum(smallest, 0)) * unit
-        lower, middle, upper = np.quantile(errors, [0.16, 0.5, 0.84])
-        return float(middle), float(lower), float(upper)
+        kinds = [name for name in self.parameters if name != "mean"]
+        shares = self.shares[:, kinds.index(choice("kind", kind, kinds))]
+        common_powers = shares.min((1, 2)) if len(self) > 1 else shares[:, 0, 0]
+        unit_error = ScalarSpectrum.flat().dipole_error if kind == "dipole" else Spectrum.flat().spin_error
+        errors = np.sqrt(np.maximum(common_powers, 0)) * unit_error
+        lower, median, upper = np.quantile(errors, [0.16, 0.5, 0.84])
+        return float(median), float(lower), float(upper)
 
     def _sections(self, long):
         facts = [("degrees", f"{format_degrees(self.degrees)}, {self.frame} axes")]
-        sigma = np.sqrt(np.diag(self.amplitude_covariance))
-        for name, value, error in zip(self.templates, self.amplitudes, sigma, strict=True):
+        amplitude_errors = np.sqrt(np.diag(self.amplitude_covariance))
+        for name, value, error in zip(self.templates, self.amplitudes, amplitude_errors, strict=True):
             text = f"{format_with_error(value, error, '+')} {self.unit}, {value / error:+.1f} errors"
             facts.append((f"template {name}", text))
         if long:
@@ -299,7 +299,7 @@ class ClassComparison(Result):
         return (Section(title, facts, self.to_table(), remarks=remarks, notes=self.notes),)
 
     @cached_property
-    def _tests(self):
+    def _verdict_and_p_values(self):
         """The verdict, and the p-values of one spin and of one acceleration: report and table have them, each time."""
         return self.verdict(), {name: self.equality(kind) for kind, (name, _) in self.parameters.items()}
 
@@ -311,7 +311,7 @@ class ClassComparison(Result):
         what : str, optional
             What classes are made by: "magnitude", say; `made_by` unless given.
         """
-        verdict, p_values = self._tests
+        verdict, p_values = self._verdict_and_p_values
         question, noun = ("Does the dipole", "dipole") if "mean" not in p_values else ("Do mean and dipole", "value")
         phrase = "not contradicted" if verdict.p_value > 0.0027 else "contradicted"
         return (
@@ -330,32 +330,32 @@ class ClassComparison(Result):
         }
         # Differences of positions have a rotation and a glide.
         attributes = [name for name, _ in self.parameters.values() if name != "mean"]
-        names = {"spin": "rotation", "acceleration": "glide"} if self.unit == "µas" else {}
+        titles = {"spin": "rotation", "acceleration": "glide"} if self.unit == "µas" else {}
         if means := [row.mean for row in rows if isinstance(row, ScalarSolution)]:
             columns["mean"], columns["mean_error"] = map(list, zip(*means, strict=True))
         for attribute in attributes:
-            name, vectors = names.get(attribute, attribute), [getattr(row, attribute) for row in rows]
+            name, vectors = titles.get(attribute, attribute), [getattr(row, attribute) for row in rows]
             for k, axis in enumerate("xyz"):
                 columns[f"{name}_{axis}"] = [vector.value[k] for vector in vectors]
                 columns[f"{name}_{axis}_error"] = [vector.sigma[k] for vector in vectors]
         units = {name: self.unit for name in columns if name not in ("class", "n_sources")}
         meta: dict[str, Any] = {f"probability {name}": p for name, p in zip(self.shapes, self.probability, strict=True)}
         if len(self) > 1:
-            verdict, chances = self._tests
-            meta |= {f"p_value_{name}": p for name, p in chances.items()} | {"p_value_largest": verdict.p_value}
+            verdict, p_values = self._verdict_and_p_values
+            meta |= {f"p_value_{name}": p for name, p in p_values.items()} | {"p_value_largest": verdict.p_value}
             meta["summary"] = self.verdict_words().rstrip(".")
         return tables.table_of(columns, meta, units)
 
     def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """Spin and acceleration of the classes with their errors on matplotlib axes."""
-        from fit.background._plot import plot_shared
+        from fit.background._plot import plot_classes
 
-        return plot_shared(self, ax=ax)
+        return plot_classes(self, ax=ax)
 
     def _fold_covariance(self):
         return self.covariance.reshape(2 * self.values.shape)
 
-    def _slice_of_kind(self, kind):
+    def _select_kind_slice(self, kind):
         """The place of a kind of parameters, "T" say, among those of a class, as a slice."""
         return self.parameters[choice("kind", kind, tuple(self.parameters))][1]
 
@@ -367,16 +367,16 @@ class ClassComparison(Result):
         weights : (K,) array
             One a class.
         """
-        row = np.asarray(weights, float)
-        n_sources = sum(n for n, weight in zip(self.n_sources, row, strict=True) if weight)
-        values = row @ self.values
-        covariance = np.einsum("i,iajb,j->ab", row, self._fold_covariance(), row)
+        weight_row = np.asarray(weights, float)
+        n_sources = sum(n for n, weight in zip(self.n_sources, weight_row, strict=True) if weight)
+        values = weight_row @ self.values
+        covariance = np.einsum("i,iajb,j->ab", weight_row, self._fold_covariance(), weight_row)
         return self._make_degree_one_solution(values, covariance, n_sources)
 
     def _make_degree_one_solution(self, values, covariance, n_sources):
-        kind: Any = Solution if len(values) == 6 else ScalarSolution
-        return kind(
-            coefficients=kind._coefficients(1, values),
+        solution_class: Any = Solution if len(values) == 6 else ScalarSolution
+        return solution_class(
+            coefficients=solution_class._coefficients(1, values),
             covariance=covariance,
             chi2=float("nan"),
             n_data=len(values) // 3 * n_sources,
@@ -387,16 +387,16 @@ class ClassComparison(Result):
             includes_floor=True,
         )
 
-    def _compute_p_value(self, kind, positions):
+    def _compute_change_p_value(self, kind, positions):
         if len(self) < 2:
             raise ParameterError("a comparison needs two classes at least, not one")
-        block = slice(None) if kind is None else self._slice_of_kind(kind)
+        block = slice(None) if kind is None else self._select_kind_slice(kind)
         design, p_sum = np.ones((len(self), 1)), 0.0
         for mean, covariance in zip(self.means[:, :, block], self.covariances[:, :, block][..., block], strict=True):
-            flat, width = covariance.reshape(mean.size, mean.size), mean.shape[1]
-            misfit, dof = gls(mean, flat, design)[1], mean.size - width
+            matrix, n_parameters = covariance.reshape(mean.size, mean.size), mean.shape[1]
+            misfit, dof = gls(mean, matrix, design)[1], mean.size - n_parameters
             if positions is not None:
-                misfit, dof = misfit - gls(mean, flat, np.c_[design, positions - positions.mean()])[1], width
+                misfit, dof = misfit - gls(mean, matrix, np.c_[design, positions - positions.mean()])[1], n_parameters
             p_sum += chdtrc(dof, max(misfit, 0.0))
         return float(p_sum / len(self.means))
 
@@ -409,26 +409,26 @@ class ClassComparison(Result):
         positions = np.arange(k) - weight @ np.arange(k) / weight.sum()
         rows = []
         for edge in range(1, k):
-            lower, upper = weight[:edge].sum(), weight[edge:].sum()
+            sum_below, sum_above = weight[:edge].sum(), weight[edge:].sum()
             name = f"{self.labels[edge]} {'and above against below' if k > 2 else f'against {self.labels[0]}'}"
-            rows.append((np.where(np.arange(k) < edge, -weight / lower, weight / upper), name))
+            rows.append((np.where(np.arange(k) < edge, -weight / sum_below, weight / sum_above), name))
         if k > 2:
             rows.append((weight * positions, "a slope"))
         return [(row, kind, f"{name}, {label}") for row, name in rows for kind, (label, _) in self.parameters.items()]
 
 
-def pool_draws(means: FloatArray, covariances: FloatArray) -> FloatArray:
+def pool_draw_covariances(means: FloatArray, covariances: FloatArray) -> FloatArray:
     """Covariance over draws of equal weight, (K, f, K, f): the mean of theirs, and the scatter of their means."""
     deviations = means - means.mean(0)
     return covariances.mean(0) + np.einsum("nia,njb->iajb", deviations, deviations) / len(deviations)
 
 
-def contrast_p_value(means: FloatArray, covariances: FloatArray, rows: FloatArray) -> float:
+def compute_contrast_p_value(means: FloatArray, covariances: FloatArray, contrasts: FloatArray) -> float:
     """p-value of combinations of classes, (r, K), that are all zero: the mean over draws of (K, f) parameters."""
-    values = np.einsum("ri,nia->nra", rows, means).reshape(len(means), -1)
-    covariance = np.einsum("ri,niajb,sj->nrasb", rows, covariances, rows).reshape(*values.shape, -1)
-    solution = np.linalg.solve(covariance, values[..., None])[..., 0]
-    return float(np.mean(chdtrc(values.shape[1], np.sum(values * solution, 1))))
+    values = np.einsum("ri,nia->nra", contrasts, means).reshape(len(means), -1)
+    covariance = np.einsum("ri,niajb,sj->nrasb", contrasts, covariances, contrasts).reshape(*values.shape, -1)
+    solved_values = np.linalg.solve(covariance, values[..., None])[..., 0]
+    return float(np.mean(chdtrc(values.shape[1], np.sum(values * solved_values, 1))))
 
 
 @log_calls("shared errors")
@@ -498,10 +498,10 @@ def shared(
     True
     """
     random = generator(rng)
-    lots, modes, notes, facts = sample_class_errors(
+    shape_draws, modes, notes, facts = sample_class_errors(
         normals, degrees, labels=labels, shapes=shapes, own=own, draws=draws, noise_scale=noise_scale, rng=random
     )
-    return average_draws(lots, modes, random, notes=notes, **facts)
+    return average_draws(shape_draws, modes, random, notes=notes, **facts)
 
 
 def sample_class_errors(
@@ -521,10 +521,10 @@ def sample_class_errors(
     `free` tells the modes that each class has for itself; degree 1 unless given.
     """
     choice("own", own, ("each", "one"))
-    inputs = [normals] if isinstance(normals, NormalEquations | Solution) else list(normals)
-    if not inputs:
+    sources = [normals] if isinstance(normals, NormalEquations | Solution) else list(normals)
+    if not sources:
         raise ParameterError("there are no classes: give normal equations, one a class")
-    equations = [equations_of(source, scalars=True) for source in inputs]
+    equations = [equations_of(source, scalars=True) for source in sources]
     if len({type(normal.modes) for normal in equations}) > 1:
         raise ModesError("classes are motions and numbers: compare those of one kind")
     frames = {normal.frame for normal in equations}
@@ -534,87 +534,87 @@ def sample_class_errors(
     if len(units) > 1:
         raise ParameterError(f"classes are in {' and '.join(sorted(map(str, units)))}: take all to one unit")
     templates = [tuple(template.name for template in normal.templates) for normal in equations]
-    if any(names != templates[0] for names in templates):
+    if any(template_names != templates[0] for template_names in templates):
         raise ParameterError("classes have different templates: give all of them the same maps")
-    scale_flags = [should_fit_scale(source, noise_scale) for source in inputs]
-    names = tuple(f"class {k + 1}" for k in range(len(inputs))) if labels is None else tuple(map(str, labels))
-    if len(names) != len(inputs):
-        raise ParameterError(f"{len(names)} labels for {len(inputs)} classes")
+    scale_flags = [should_fit_scale(source, noise_scale) for source in sources]
+    class_labels = tuple(f"class {k + 1}" for k in range(len(sources))) if labels is None else tuple(map(str, labels))
+    if len(class_labels) != len(sources):
+        raise ParameterError(f"{len(class_labels)} labels for {len(sources)} classes")
     modes = type(equations[0].modes)(_choose_highest_degree(equations, degrees))
-    spectra = make_spectra(list_shapes(modes.lmax) if shapes is None else shapes, modes)
+    spectra = make_named_spectra(list_shapes(modes.lmax) if shapes is None else shapes, modes)
     draws, is_free = whole("draws", draws), None if free is None else free(modes)
 
-    def draw_lots(classes):
-        return sample_shapes(classes, modes, spectra, own, draws, rng)
+    def sample_draws(classes):
+        return sample_amplitudes_by_shape(classes, modes, spectra, own, draws, rng)
 
-    classes, notes = _reduce_classes(equations, names, modes, scale_flags, is_free)
-    notes += _describe_leakage(equations, classes, names, modes) if len(classes) > 1 else []
-    lots = draw_lots(classes)
+    classes, notes = _reduce_classes(equations, class_labels, modes, scale_flags, is_free)
+    notes += _describe_leakage(equations, classes, class_labels, modes) if len(classes) > 1 else []
+    shape_draws = sample_draws(classes)
     if any(normal.modes.lmax > modes.lmax for normal in equations):
-        equations = _marginalise_leakage(equations, lots, modes)
+        equations = _marginalise_leakage(equations, shape_draws, modes)
         # What was noted of them above stays.
-        lots = draw_lots(_reduce_classes(equations, names, modes, scale_flags, is_free)[0])
+        shape_draws = sample_draws(_reduce_classes(equations, class_labels, modes, scale_flags, is_free)[0])
     facts = {
-        "labels": names, "n_sources": tuple(normal.n_sources for normal in equations),
+        "labels": class_labels, "n_sources": tuple(normal.n_sources for normal in equations),
         "frame": equations[0].frame or "icrs", "unit": equations[0].unit or "",
         "templates": templates[0],
     }  # fmt: skip
-    return lots, modes, notes + _describe_few_draws(lots), facts
+    return shape_draws, modes, notes + _describe_few_draws(shape_draws), facts
 
 
-def _describe_few_draws(lots):
-    if min(lot.effective for lot in lots if lot.probability > 0.05) >= EFFECTIVE:
+def _describe_few_draws(draws):
+    if min(lot.effective for lot in draws if lot.probability > 0.05) >= MIN_EFFECTIVE_DRAWS:
         return []
     return ["few draws of the systematic errors count: give more of them (draws=), or merge classes"]
 
 
-def _marginalise_leakage(equations, lots, modes):
-    """Equations of `modes` alone: higher degrees have the power that a first estimate, `lots`, gives them."""
+def _marginalise_leakage(equations, shape_draws, modes):
+    """Equations of `modes` alone: higher degrees have the power that a first estimate, `shape_draws`, gives them."""
     all_modes = max((normal.modes for normal in equations), key=len)
-    powers = compute_class_variances(lots, all_modes)
+    powers = compute_class_variances(shape_draws, all_modes)
     return [
         marginalise_higher_degrees(normal, modes, power[all_modes.degrees <= normal.modes.lmax], scale)
         if normal.modes.lmax > modes.lmax
         else normal
-        for normal, scale, power in zip(equations, lots[0].likelihood.classes.noise_scale, powers, strict=True)
+        for normal, scale, power in zip(equations, shape_draws[0].likelihood.classes.noise_scale, powers, strict=True)
     ]
 
 
-def _describe_leakage(equations, classes, names, modes):
+def _describe_leakage(equations, classes, labels, modes):
     """A note on classes into which higher degrees leak, and what to do."""
-    leaky_classes = [
-        name
-        for normal, condition, name in zip(equations, classes.condition, names, strict=True)
-        if PART < condition <= _MAX_CONDITION and normal.modes.lmax < modes.lmax + BEYOND
+    leaky_labels = [
+        label
+        for normal, condition, label in zip(equations, classes.condition, labels, strict=True)
+        if PART_SKY_CONDITION < condition <= _MAX_CONDITION and normal.modes.lmax < modes.lmax + EXTRA_DEGREES
     ]
-    if not leaky_classes:
+    if not leaky_labels:
         return []
     return [
-        f"{', '.join(leaky_classes)}: a part of the sky, or few sources, into whose degrees higher ones leak; give "
-        f"normal equations to degree {modes.lmax + BEYOND} and degrees=range(2, {modes.lmax + 1}), and that is "
+        f"{', '.join(leaky_labels)}: a part of the sky, or few sources, into whose degrees higher ones leak; give "
+        f"normal equations to degree {modes.lmax + EXTRA_DEGREES} and degrees=range(2, {modes.lmax + 1}), and that is "
         "allowed for"
     ]
 
 
 def average_draws(
-    lots: Sequence[ShapeDraws], modes: Modes, rng: np.random.Generator, *, notes: Sequence[str] = (), **facts: Any
+    draws: Sequence[ShapeDraws], modes: Modes, rng: np.random.Generator, *, notes: Sequence[str] = (), **facts: Any
 ) -> ClassComparison:
     """Shared errors of the classes, averaged over draws of their amplitudes and over spectra."""
-    classes = lots[0].likelihood.classes
+    classes = draws[0].likelihood.classes
     with limit_blas(len(classes) * len(modes)):
-        means, covariances, shares, (amplitudes, amplitude_covariance) = resample_draws(lots, rng)
+        means, covariances, shares, (amplitudes, amplitude_covariance) = resample_draws(draws, rng)
     return ClassComparison(
-        means=means, covariances=covariances, shares=shares, shapes=tuple(lot.shape for lot in lots),
-        probability=tuple(lot.probability for lot in lots), effective=tuple(lot.effective for lot in lots),
+        means=means, covariances=covariances, shares=shares, shapes=tuple(lot.shape for lot in draws),
+        probability=tuple(lot.probability for lot in draws), effective=tuple(lot.effective for lot in draws),
         degrees=tuple(range(2, modes.lmax + 1)), noise_scale=classes.noise_scale,
         notes=tuple(notes), amplitudes=amplitudes, amplitude_covariance=amplitude_covariance, **facts,
     )  # fmt: skip
 
 
 def _choose_highest_degree(equations, degrees):
-    limit = min(normal.modes.lmax for normal in equations)
+    lowest_lmax = min(normal.modes.lmax for normal in equations)
     if degrees is None:
-        highest = limit
+        highest = lowest_lmax
     else:
         unique_degrees = sorted({whole("degrees", l) for l in ([degrees] if isinstance(degrees, int) else degrees)})
         if not unique_degrees or unique_degrees != list(range(2, unique_degrees[-1] + 1)):
@@ -624,12 +624,12 @@ def _choose_highest_degree(equations, degrees):
         raise ModesError(
             "degrees 1 and 2 contain no information on systematic errors: fit degree 3 or more, 5 for classes"
         )
-    if highest > limit:
-        raise ModesError(f"degree {highest} is not fitted in every class: the least goes to {limit}")
+    if highest > lowest_lmax:
+        raise ModesError(f"degree {highest} is not fitted in every class: the least goes to {lowest_lmax}")
     return highest
 
 
-def make_spectra(shapes: Any, modes: Modes) -> list[tuple[str, Any]]:
+def make_named_spectra(shapes: Any, modes: Modes) -> list[tuple[str, Any]]:
     """Names and spectra of shapes for some modes; ParameterError where one is none."""
     named, kind = (SCALAR_SHAPES, ScalarSpectrum) if modes.components == 1 else (SHAPES, Spectrum)
     shape_list = [shapes] if isinstance(shapes, str | SpectrumOfKind) else list(shapes)
@@ -641,18 +641,18 @@ def make_spectra(shapes: Any, modes: Modes) -> list[tuple[str, Any]]:
     return [(shape.name, shape) if isinstance(shape, SpectrumOfKind) else (shape, named[shape]) for shape in shape_list]
 
 
-def _reduce_classes(equations, names, modes, scale_flags, is_free=None) -> tuple[ClassEquations, list[str]]:
+def _reduce_classes(equations, labels, modes, scale_flags, is_free=None) -> tuple[ClassEquations, list[str]]:
     classes, notes = [], []
-    for normal, name, own_scale in zip(equations, names, scale_flags, strict=True):
+    for normal, label, is_scaled in zip(equations, labels, scale_flags, strict=True):
         if not normal.n_data:
-            raise DegeneracyError(f"the class {name} is empty: leave it out")
+            raise DegeneracyError(f"the class {label} is empty: leave it out")
         try:
-            classes.append(reduce_class_equations(normal, modes, own_scale, is_free))
+            classes.append(reduce_class_equations(normal, modes, is_scaled, is_free))
         except DegeneracyError as error:
-            raise DegeneracyError(f"{name}: {error}") from None
+            raise DegeneracyError(f"{label}: {error}") from None
         if classes[-1].condition[0] > _MAX_CONDITION:
             notes.append(
-                f"warning: the class {name} sees too little of the sky to tell degrees to {modes.lmax} apart, and its "
+                f"warning: the class {label} sees too little of the sky to tell degrees to {modes.lmax} apart, and its "
                 "errors rest on the assumed spectra: a larger class, or lower degrees, would say more by themselves"
             )
     return ClassEquations.from_separate_classes(classes), notes
@@ -663,36 +663,36 @@ def compare_classes_jointly(
 ) -> ClassComparison:
     """Compute `shared` from the normal equations of all classes together, (K, p, K, p) and (K, p)."""
     classes = ClassEquations.from_joint_equations(matrix, rhs, modes)
-    random, spectra = generator(rng), make_spectra(list_shapes(modes.lmax), modes)
-    lots = sample_shapes(classes, modes, spectra, "each", draws, random)
-    return average_draws(lots, modes, random, notes=_describe_few_draws(lots), **facts)
+    random, spectra = generator(rng), make_named_spectra(list_shapes(modes.lmax), modes)
+    shape_draws = sample_amplitudes_by_shape(classes, modes, spectra, "each", draws, random)
+    return average_draws(shape_draws, modes, random, notes=_describe_few_draws(shape_draws), **facts)
 
 
 def extend_degrees(
-    normals: Sequence[NormalEquations], make: Callable[[Any, int], NormalEquations], classes: Iterable[Any]
+    normals: Sequence[NormalEquations], make_equations: Callable[[Any, int], NormalEquations], classes: Iterable[Any]
 ) -> list[NormalEquations]:
-    """Equations of classes, or what `make` makes of all to three degrees more where one sees a part of the sky."""
+    """Equations of classes; by `make_equations` to three degrees more of all where one sees a part of the sky."""
     lmax = normals[0].modes.lmax
-    if not any(sees_part(normal, lmax) for normal in normals):
+    if not any(has_leakage(normal, lmax) for normal in normals):
         return list(normals)
-    return [make(sources, lmax + BEYOND) for sources in classes]
+    return [make_equations(sources, lmax + EXTRA_DEGREES) for sources in classes]
 
 
-def sees_part(normal: NormalEquations, lmax: int) -> bool:
+def has_leakage(normal: NormalEquations, lmax: int) -> bool:
     """Return whether sources are so few, or see so small a part of the sky, that higher degrees leak into those to
     `lmax`."""
     low_indices = np.flatnonzero(normal.modes.degrees <= lmax)
     try:
-        return compute_condition(normal.matrix[np.ix_(low_indices, low_indices)]) > PART
+        return compute_condition_number(normal.matrix[np.ix_(low_indices, low_indices)]) > PART_SKY_CONDITION
     except DegeneracyError:  # an empty class: that is said elsewhere
         return False
 
 
-def compute_class_variances(lots: Sequence[ShapeDraws], modes: Modes) -> FloatArray:
+def compute_class_variances(draws: Sequence[ShapeDraws], modes: Modes) -> FloatArray:
     """Variances of the coefficients of each class, (K, p), the mean over draws and shapes."""
     total: FloatArray = np.zeros(())
-    for lot in lots:
-        shares = [lot.likelihood.shares(x)[:2].diagonal(axis1=1, axis2=2) for x in lot.x]  # (2, K)
+    for lot in draws:
+        shares = [lot.likelihood.compute_shares(x)[:2].diagonal(axis1=1, axis2=2) for x in lot.x]  # (2, K)
         mean_shares = np.tensordot(lot.weight, shares, 1)
         total = total + lot.probability * mean_shares[map_parities(modes)].T * lot.scale * lot.spectrum.variances(modes)
     return total
@@ -702,14 +702,14 @@ def marginalise_higher_degrees(
     normal: NormalEquations, modes: Modes, variances: FloatArray, noise_scale: float
 ) -> NormalEquations:
     """The equations of `modes`, all higher degrees marginalised with a prior of so much power, (p,)."""
-    low = normal.modes.degrees <= modes.lmax
-    matrix, rhs, gain = eliminate(normal.matrix, normal.rhs, low, ~low, variances[~low] / noise_scale**2)
+    is_low = normal.modes.degrees <= modes.lmax
+    matrix, rhs, gain = eliminate(normal.matrix, normal.rhs, is_low, ~is_low, variances[~is_low] / noise_scale**2)
     chi2_null = float(normal.chi2_null - gain)
-    templates = tuple(_truncate_template(template, low, modes) for template in normal.templates)
+    templates = tuple(_truncate_and_normalise_template(template, is_low, modes) for template in normal.templates)
     return replace(normal, modes=modes, matrix=matrix, rhs=rhs, chi2_null=chi2_null, templates=templates)
 
 
-def _truncate_template(template, low, modes):
+def _truncate_and_normalise_template(template, is_low, modes):
     """A template of these modes alone, of 1 µas/yr rms over the sky."""
-    values = template.values[low]
+    values = template.values[is_low]
     return template._replace(values=values / np.sqrt(values**2 @ modes.norm2 / (4 * np.pi)))

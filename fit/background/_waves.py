@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fit.background._amplitude import Amplitude, compute_posteriors
+from fit.background._amplitude import Amplitude, compute_posteriors_and_evidence
 from fit.background._likelihood import (
     Likelihood,
     check_degrees,
@@ -131,7 +131,7 @@ class WaveLimit(Result):
             return self.amplitude.quantile(probability, prior, lowest)  # type: ignore[arg-type]
         if not np.isfinite(self.squares).all():
             raise ParameterError("the data do not determine every coefficient of degree 2: take another prior")
-        return float(1.2 * find_quantile(probability, *self.squares) / (4 * np.pi * hubble_rate(self.hubble) ** 2))
+        return float(1.2 * find_sum_quantile(probability, *self.squares) / (4 * np.pi * hubble_rate(self.hubble) ** 2))
 
     def frequency(self, years: float) -> float:
         """The upper edge of the band, 1/T. [Hz]
@@ -167,19 +167,19 @@ class WaveLimit(Result):
         name = "h70² Ω" if self.hubble == 70 else "Ω"
         has_limit = {prior: prior != "coefficients" or np.isfinite(self.squares).all() for prior in PRIOR_TITLES}
         limits: list[Any] = [self.limit(0.95, prior) if has_limit[prior] else np.nan for prior in PRIOR_TITLES]  # type: ignore[arg-type]
-        p = printed_p_value(self.parity_p_value)
-        systematics = f"; marginalised: systematics, {', '.join(self.systematics)}" if self.systematics else ""
-        band = "f < 1/T with T the time over which the motions were measured"
+        p_value_text = printed_p_value(self.parity_p_value)
+        systematics_phrase = f"; marginalised: systematics, {', '.join(self.systematics)}" if self.systematics else ""
+        band_phrase = "f < 1/T with T the time over which the motions were measured"
         if self.years is not None:
-            band = f"f < 1/T = {self.frequency(self.years) * 1e9:.3g} nHz (T = {self.years:g} yr)"
-            band += f"; if all of it is there, h_c < {self.strain(self.years):.2e} (95 %, flat in Ω)"
+            band_phrase = f"f < 1/T = {self.frequency(self.years) * 1e9:.3g} nHz (T = {self.years:g} yr)"
+            band_phrase += f"; if all of it is there, h_c < {self.strain(self.years):.2e} (95 %, flat in Ω)"
         facts = [
             ("from", f"{self._degrees_in_words}; {self.n_data // 2} sources"),
             ("likeliest", f"{self.maximum:.4g} ({lower:.4g} … {upper:.4g}, 68 %, flat in Ω)"),
             ("P_2", f"{self.power:.4g} (µas/yr)², of which noise gives {self.noise_power:.4g} on average"),
-            ("parity", f"P_T2 and P_S2, equal for waves, differ with a p-value of {p}"),
-            ("errors", f"scaled by {self.noise_scale:.4g}{systematics}"),
-            ("band", band),
+            ("parity", f"P_T2 and P_S2, equal for waves, differ with a p-value of {p_value_text}"),
+            ("errors", f"scaled by {self.noise_scale:.4g}{systematics_phrase}"),
+            ("band", band_phrase),
         ]
         table = tables.table_of({"prior": list(PRIOR_TITLES.values()), f"{name} below (95 %)": limits})
         return (Section(f"Gravitational waves longer than the observations: {name}", facts, table, notes=self.notes),)
@@ -191,9 +191,9 @@ class WaveLimit(Result):
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """The posteriors of Ω with their limits on matplotlib axes."""
-        from fit.background._plot import plot_waves
+        from fit.background._plot import plot_wave_limit
 
-        return plot_waves(self, ax=ax)
+        return plot_wave_limit(self, ax=ax)
 
 
 def wave_limit(
@@ -247,22 +247,22 @@ def wave_limit(
     free_degrees = tuple(l for l in range(1, degrees[-1]) if l not in degrees)
     backgrounds = list(systematics) if systematics is not None else [Spectrum.flat()] if degrees != (2,) else []
     likelihood = Likelihood(equations, [Spectrum.waves(hubble), *backgrounds], degrees, free_degrees, fit_scale)
-    best = likelihood.maximum()
-    (amplitude,), _ = compute_posteriors(likelihood, best, [0])
+    maximum = likelihood.find_maximum()
+    (amplitude,), _ = compute_posteriors_and_evidence(likelihood, maximum, [0])
     # In degree 2 alone the odd spectrum is that of S, and the even one that of T.
     separate_maximum, common_maximum = (
-        Likelihood(equations, spectra, (2,), (1,), fit_scale).maximum()
+        Likelihood(equations, spectra, (2,), (1,), fit_scale).find_maximum()
         for spectra in ([Spectrum.odd(), Spectrum.even()], [Spectrum.flat()])
     )
-    power, noise, squares = find_quadrupole_statistics(equations, degrees[-1], fit_scale)
+    power, noise_power, squares = fit_quadrupole(equations, degrees[-1], fit_scale)
     return WaveLimit(
         amplitude=amplitude,
         degrees=degrees,
         hubble=float(hubble),
         systematics=tuple(background.name for background in backgrounds),
-        noise_scale=best.noise_scale,
+        noise_scale=maximum.noise_scale,
         power=power,
-        noise_power=noise,
+        noise_power=noise_power,
         squares=squares,
         parity_p_value=compute_parity_p_value(separate_maximum.log_likelihood, common_maximum.log_likelihood),
         n_data=equations.n_data,
@@ -271,7 +271,7 @@ def wave_limit(
 
 
 #: Accuracy of a probability.
-_ACCURACY = 1e-7
+_PROBABILITY_ACCURACY = 1e-7
 
 
 def compute_probability_above(x: float, variances: FloatArray, shifts: FloatArray) -> float:
@@ -279,37 +279,37 @@ def compute_probability_above(x: float, variances: FloatArray, shifts: FloatArra
     scale = variances.max()
     ratio, x = variances / scale, x / scale
 
-    def integrand(u):
+    def compute_integrand(u):
         y = ratio * u
         inner = 1 + y * y
         angle = np.sum(np.arctan(y) + shifts**2 * y / inner) / 2 - x * u / 2
-        size = np.sum(np.log(inner) / 4 + shifts**2 * y * y / inner / 2)
-        return np.sin(angle) / u * np.exp(-size)
+        log_rho = np.sum(np.log(inner) / 4 + shifts**2 * y * y / inner / 2)
+        return np.sin(angle) / u * np.exp(-log_rho)
 
     from scipy.integrate import quad  # slow to import
 
     # What is left beyond the end: at most 1/(π k U^k √Πr) with k = n/2 (his eq. 3.4).
     k = len(ratio) / 2
-    end = np.exp(-(np.log(np.pi * k * _ACCURACY) + np.sum(np.log(ratio)) / 2) / k)
-    value, _ = quad(integrand, 0, end, limit=2000, epsabs=_ACCURACY)
-    return float(np.clip(0.5 + value / np.pi, 0, 1))
+    upper_limit = np.exp(-(np.log(np.pi * k * _PROBABILITY_ACCURACY) + np.sum(np.log(ratio)) / 2) / k)
+    integral, _ = quad(compute_integrand, 0, upper_limit, limit=2000, epsabs=_PROBABILITY_ACCURACY)
+    return float(np.clip(0.5 + integral / np.pi, 0, 1))
 
 
-def find_quantile(probability: float, variances: FloatArray, shifts: FloatArray) -> float:
+def find_sum_quantile(probability: float, variances: FloatArray, shifts: FloatArray) -> float:
     """The value below which Σ λ_i (z_i + δ_i)² lies with a probability."""
     from scipy.optimize import brentq  # slow to import
 
     mean = np.sum(variances * (1 + shifts**2))
-    dispersion = np.sqrt(np.sum(2 * variances**2 * (1 + 2 * shifts**2)))
-    upper = mean + 3 * dispersion
+    standard_deviation = np.sqrt(np.sum(2 * variances**2 * (1 + 2 * shifts**2)))
+    upper = mean + 3 * standard_deviation
     while compute_probability_above(upper, variances, shifts) > 1 - probability:
-        upper += 3 * dispersion
+        upper += 3 * standard_deviation
     return float(
         brentq(lambda x: 1 - probability - compute_probability_above(x, variances, shifts), 0, upper, xtol=1e-9 * upper)
     )
 
 
-def find_quadrupole_statistics(equations: NormalEquations, lmax: int, scaled: bool) -> tuple[float, float, FloatArray]:
+def fit_quadrupole(equations: NormalEquations, lmax: int, is_scaled: bool) -> tuple[float, float, FloatArray]:
     """P_2, its noise, variances and shifts of its terms, (2, 10), fitted with all degrees to lmax, or nan."""
     modes = equations.modes
     indices = find_coefficient_indices(modes, range(1, lmax + 1))
@@ -319,7 +319,7 @@ def find_quadrupole_statistics(equations: NormalEquations, lmax: int, scaled: bo
         return float("nan"), float("nan"), np.full((2, len(quadrupole)), np.nan)
     covariance = np.linalg.inv(matrix)
     values = covariance @ rhs
-    scale2 = (equations.chi2_null - values @ rhs) / (equations.n_data - len(indices)) if scaled else 1.0
+    scale2 = (equations.chi2_null - values @ rhs) / (equations.n_data - len(indices)) if is_scaled else 1.0
     root = np.sqrt(modes.norm2[indices][quadrupole])
     variances, vectors = np.linalg.eigh(scale2 * covariance[np.ix_(quadrupole, quadrupole)] * np.outer(root, root))
     shifts = vectors.T @ (root * values[quadrupole]) / np.sqrt(variances)

@@ -99,15 +99,15 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with an estimator or a value that a comparison does not know."""
     options.threshold, methods = 5.0, (options.method or "least-squares").split(",")
     options.method = "least-squares"
-    for words in methods:
-        method, value = parsing.split_method(words)
+    for method_text in methods:
+        method, value = parsing.split_method(method_text)
         if method == "clip":
             try:
                 options.threshold = parsing.parse_positive(value or "5")
             except argparse.ArgumentTypeError as error:
                 parser.error(f"argument --method: {error}")
             continue
-        options.method = words
+        options.method = method_text
         if method not in _METHODS:
             parser.error(f"--method of a comparison is clip or {', '.join(_METHODS)}, not {method}")
         if value is not None and method != "bootstrap":
@@ -121,13 +121,13 @@ def _run(options):
     run = finishing.Run(options)
     paths = [options.catalogue, options.catalogue2, *options.others]
     quantity = options.what or ("motions" if all(_has_motions(path, options) for path in paths) else "positions")
-    labels = _make_labels(paths)
-    reference = _read_naming_file(paths[0], quantity, options, options.where)
+    labels = _make_catalogue_labels(paths)
+    reference = _read_one_catalogue(paths[0], quantity, options, options.where)
     results, fields = {}, {}
     method: Any
-    method, value = parsing.split_method(options.method)
+    method, method_value = parsing.split_method(options.method)
     for path, label in zip(paths[1:], labels[1:], strict=True):
-        fields[label] = _read_naming_file(path, quantity, options, options.where2 or options.where)
+        fields[label] = _read_one_catalogue(path, quantity, options, options.where2 or options.where)
         if options.crosswalk:
             fields[label] = vsh.io.catalogue.rename_sources(fields[label], options.crosswalk)
         results[label] = fit.compare.compare_catalogues(
@@ -137,76 +137,76 @@ def _run(options):
             **options.match,
             threshold=options.threshold,
             labels=(labels[0], label),
-            floor=_read_floor_choice(options),
+            floor=_parse_floor_choice(options),
             parameters=options.parameters,
             method=method,
-            replicates=int(value or 1000),
+            replicates=int(method_value or 1000),
         )
     comparisons = [comparison for comparison, _ in results.values()]
-    network = _compare_several({labels[0]: reference} | fields, options) if len(results) > 1 else None
+    network = _combine_catalogues({labels[0]: reference} | fields, options) if len(results) > 1 else None
 
-    def sections(long):
-        report = [section for comparison in comparisons for section in comparison.sections(long=long)]
-        return report if network is None else [*network.sections(long=long), *report]
+    def make_sections(long):
+        report_sections = [section for comparison in comparisons for section in comparison.sections(long=long)]
+        return report_sections if network is None else [*network.sections(long=long), *report_sections]
 
     def make_tables():
         tables = {} if network is None else {"All catalogues in one solution": network.to_table()}
         for label, (comparison, _) in results.items():
-            of = f": {label}" if len(results) > 1 else ""
-            tables[f"Under the names of the ICRF3 papers{of}"] = comparison.parameters_table()
-            tables[f"Vectors{of}"] = fit.output.vectors_table(comparison.best)
-            tables[f"Coefficients{of}"] = comparison.best.to_table()
+            title_suffix = f": {label}" if len(results) > 1 else ""
+            tables[f"Under the names of the ICRF3 papers{title_suffix}"] = comparison.parameters_table()
+            tables[f"Vectors{title_suffix}"] = fit.output.vectors_table(comparison.best)
+            tables[f"Coefficients{title_suffix}"] = comparison.best.to_table()
             if comparison.shared is not None:
-                tables[f"With systematic errors{of}"] = comparison.shared.to_table()
+                tables[f"With systematic errors{title_suffix}"] = comparison.shared.to_table()
             if comparison.names:
-                tables[f"Sources that were left out{of}"] = comparison.outliers_table()
+                tables[f"Sources that were left out{title_suffix}"] = comparison.outliers_table()
         return tables
 
-    lines = [
+    answer_lines = [
         (f"{labels[0]} − {label}: {name}" if network is not None else name, text)
         for label, (comparison, _) in results.items()
         for name, text in comparison.answer.lines
         if network is None or name in ("deformation", "no comparison")
     ]
     if network is not None:  # one result to quote: that of all catalogues together, of each two of them
-        prefixes = [name.removesuffix("no comparison") for name, _ in lines if name.endswith("no comparison")]
+        prefixes = [name.removesuffix("no comparison") for name, _ in answer_lines if name.endswith("no comparison")]
         joint = [line for line in network.answer.lines if not line[0].startswith(tuple(prefixes))]
-        lines = [*joint, *lines, ("errors", network.errors_in_words)]
+        answer_lines = [*joint, *answer_lines, ("errors", network.errors_in_words)]
 
-    def latex():
+    def format_latex():
         joint = [] if network is None else [latex_table(part.table, part.title) for part in network.sections()]
-        return "\n\n".join([*joint, *map(_format_latex, comparisons)])
+        return "\n\n".join([*joint, *map(_format_latex_tables, comparisons)])
 
     part = finishing.Part(
         "comparison",
         None,
-        sections=sections,
+        sections=make_sections,
         tables=make_tables,
         plot=lambda: (
             {
                 f"{name}{_make_file_suffix(label, results)}": axes
                 for label, (comparison, differences) in results.items()
-                for name, axes in _draw_figures(comparison, differences).items()
+                for name, axes in _draw_comparison_figures(comparison, differences).items()
             }
             | ({} if network is None else {"chain": network.plot()})
         ),
-        files=lambda folder, meta: _write_files(folder, results, network, meta),
+        files=lambda folder, meta: _write_result_files(folder, results, network, meta),
     )
     run.finish(
         [part],
         notes=merge_notes(
             *(comparison.solution.notes for comparison in comparisons), () if network is None else network.notes
         ),
-        latex=latex,
-        answer=Answer(tuple(lines)),
+        latex=format_latex,
+        answer=Answer(tuple(answer_lines)),
         paths=paths,
-        counts=_count_sources(list(results.values())),
-        page=None if network is not None else partial(_write_page, *results[labels[1]], options),
+        counts=_count_matches_and_outliers(list(results.values())),
+        page=None if network is not None else partial(_write_html_page, *results[labels[1]], options),
         title=f"{labels[0]} beside {', '.join(labels[1:])}",
     )
 
 
-def _read_floor_choice(options):
+def _parse_floor_choice(options):
     """The choice of the user to include the floor or not; None where the number of sources decides."""
     return None if options.floor is None else options.floor == "yes"
 
@@ -216,31 +216,31 @@ def _make_file_suffix(label, results):
     return f"_{label}" if len(results) > 1 else ""
 
 
-def _count_sources(results):
-    match_counts = [len(differences) + len(comparison.names) for comparison, differences in results]
-    outlier_counts = [len(comparison.names) for comparison, _ in results]
+def _count_matches_and_outliers(comparisons_and_differences):
+    match_counts = [len(differences) + len(comparison.names) for comparison, differences in comparisons_and_differences]
+    outlier_counts = [len(comparison.names) for comparison, _ in comparisons_and_differences]
     counts = {"matched": match_counts, "left_out": outlier_counts}
-    return counts if len(results) > 1 else {name: count for name, (count,) in counts.items()}
+    return counts if len(comparisons_and_differences) > 1 else {name: count for name, (count,) in counts.items()}
 
 
-def _compare_several(catalogues, options):
+def _combine_catalogues(catalogues, options):
     """All catalogues in one solution with their common noise; by position, sources have the names of the first."""
     if options.match["by"] == "position":
         catalogues = _rename_by_position(catalogues, options.match.get("radius"))
-    return fit.chain.combine_frames(catalogues, options.lmax, floor=_read_floor_choice(options) is not False)
+    return fit.chain.combine_frames(catalogues, options.lmax, floor=_parse_floor_choice(options) is not False)
 
 
 def _rename_by_position(catalogues, radius):
     """The catalogues with the numbers of the first one's sources for names, without what has no counterpart there."""
-    (label, reference), *others = catalogues.items()
-    named = {label: replace(reference, name=range(len(reference)))}
-    for label, catalogue in others:
+    (label, reference), *other_catalogues = catalogues.items()
+    renamed = {label: replace(reference, name=range(len(reference)))}
+    for label, catalogue in other_catalogues:
         i, j, _ = vsh.io.catalogue.counterparts(reference, catalogue, by="position", radius=radius)
-        named[label] = replace(catalogue[j], name=i)
-    return named
+        renamed[label] = replace(catalogue[j], name=i)
+    return renamed
 
 
-def _write_files(folder, results, network, meta):
+def _write_result_files(folder, results, network, meta):
     if network is not None:
         network.write(folder / "chain.ecsv", meta)
     for label, (comparison, _) in results.items():
@@ -254,7 +254,7 @@ def _write_files(folder, results, network, meta):
         vsh.io.tables.write_table(comparison.outliers_table(), folder / f"outliers{suffix}.ecsv", meta)
 
 
-def _format_latex(comparison):
+def _format_latex_tables(comparison):
     """Format tables for a paper: parameters under their names with the errors of the verdict, then vectors and
     powers."""
     table = comparison.parameters_table()["ICRF3", "value", "sigma"]
@@ -262,12 +262,12 @@ def _format_latex(comparison):
     return f"{parameters}\n\n{fit.output.latex_of(comparison.best, answer=comparison.answer)}"
 
 
-def _draw_figures(comparison, differences):
+def _draw_comparison_figures(comparison, differences):
     figures = fit.output.draw_figures(comparison.best, differences) | {"catalogues": comparison.correlations.plot()}
     return figures if comparison.shared is None else figures | {"shared": comparison.shared.plot()}
 
 
-def _write_page(comparison, differences, options, figures, meta, path):
+def _write_html_page(comparison, differences, options, figures, meta, path):
     sections = [Section("Under the names of the ICRF3 papers", (), comparison.parameters_table())]
     if comparison.shared is not None:
         sections += comparison.shared.sections(long=True)
@@ -303,7 +303,7 @@ def _has_motions(path, options):
         return False
 
 
-def _read_naming_file(path, quantity, options, condition):
+def _read_one_catalogue(path, quantity, options, condition):
     return reading.read_with_named_notes(path, lambda: _read_catalogue(path, quantity, options, condition))
 
 
@@ -325,7 +325,7 @@ def _read_catalogue(path, quantity, options, condition):
     )
 
 
-def _make_labels(paths):
+def _make_catalogue_labels(paths):
     names = [Path(path).stem for path in paths]
     if len(set(names)) == len(names):
         return names

@@ -77,37 +77,37 @@ def _run(options):
     sources = [reading.open_catalogue(path, options) for path in paths]
     if reading.is_in_parts(options) and options.influence:
         raise VshError("--influence looks at every source: it needs the catalogue whole, without --workers")
-    fields = [_read_sources(*pair, options) for pair in zip(paths, sources, strict=True)]
-    labels = _make_labels(paths)
+    fields = [_read_sources(*names, options) for names in zip(paths, sources, strict=True)]
+    labels = _make_catalogue_labels(paths)
     parameters: Any = FRAME if options.lmax == 1 else options.lmax
     matrices = fit.correlation.correlation_matrices(fields, parameters, labels=labels)
     remarks = []
     if parameters == FRAME:
-        direct = fit.correlation.correlation_matrices(fields, parameters, labels=labels, solver="frame")
-        difference = max(np.abs(a - b).max() for a, b in zip(matrices.matrices, direct.matrices, strict=True))
+        direct_matrices = fit.correlation.correlation_matrices(fields, parameters, labels=labels, solver="frame")
+        difference = max(np.abs(a - b).max() for a, b in zip(matrices.matrices, direct_matrices.matrices, strict=True))
         remarks.append(f"The independent solver of degree 1 gives the same correlations to {difference:.0e}.")
     caption = "Correlations of the errors: what a fit to this sky cannot separate."
     parts = [finishing.Part("correlation", matrices, "Correlations", caption, as_table=True)]
-    details = []
+    detail_sections = []
     for field, label in zip(fields, labels, strict=True):
-        details.append(_make_degree_section(field, label, options.lmax))
-        for pair in options.influence or []:
-            parts.append(_make_influence_part(field, label, pair, options.lmax))
-            details.append(_make_influence_section(field, label, pair, options.lmax))
+        detail_sections.append(_make_lmax_section(field, label, options.lmax))
+        for names in options.influence or []:
+            parts.append(_make_influence_part(field, label, names, options.lmax))
+            detail_sections.append(_make_influence_section(field, label, names, options.lmax))
         if options.leakage:
             leakage = fit.correlation.leakage(field, options.lmax, options.leakage)
             parts.append(finishing.Part(f"leakage_{label}", leakage, f"Leakage, {label}", _LEAKAGE, as_table=True))
-            details.append(_make_leakage_section(leakage, label, options.power_per_degree))
-    notes = [f"{label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _find_notes(field)]
+            detail_sections.append(_make_leakage_section(leakage, label, options.power_per_degree))
+    notes = [f"{label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _list_notes(field)]
 
-    def sections(long):
+    def make_sections(long):
         (section,) = matrices.sections(long=long)
         section = replace(section, remarks=[*section.remarks, *(remarks if long else ())])
-        return [section, *details[:-1], replace(details[-1], notes=notes)]
+        return [section, *detail_sections[:-1], replace(detail_sections[-1], notes=notes)]
 
     run.finish(
         parts,
-        sections=sections,
+        sections=make_sections,
         answer=Answer(tuple(_format_answer_lines(matrices))),
         notes=notes,
         paths=paths,
@@ -116,7 +116,7 @@ def _run(options):
     )
 
 
-def _find_notes(field):
+def _list_notes(field):
     return next(iter(field)).notes if isinstance(field, vsh.io.parts.Parts) else field.notes
 
 
@@ -141,12 +141,12 @@ def _read_sources(path, source, options):
     return vsh.io.catalogue.read_sources(catalogue, sigma=options.sigma, **arguments).to_frame(options.frame)
 
 
-def _make_labels(paths):
+def _make_catalogue_labels(paths):
     names = [Path(path).stem for path in paths]
     return names if len(set(names)) == len(names) else [f"{name}_{k}" for k, name in enumerate(names, 1)]
 
 
-def _make_degree_section(field, label, lmax):
+def _make_lmax_section(field, label, lmax):
     rows = fit.correlation.lmax_table(field, max(5, lmax))
     prediction = fit.correlation.predict_covariance(field, lmax)
     table = vsh.io.tables.table_of_rows(("degree", "condition", "largest correlation"), rows)
@@ -161,30 +161,30 @@ def _make_degree_section(field, label, lmax):
     return Section(f"{label}: by the highest degree that is fitted", facts, table, forms=forms)
 
 
-def _make_influence_section(field, label, pair, lmax):
+def _make_influence_section(field, label, names, lmax):
     from vsh.sky.pixels import centres
     from vsh.vector import correlation_of
 
     # Regions of some 30°: single pixels of a fine map say little.
-    coarse, (lon, lat) = fit.correlation.influence_map(field, lmax, pair, 2), np.degrees(centres(2))
+    coarse, (lon, lat) = fit.correlation.influence_map(field, lmax, names, 2), np.degrees(centres(2))
     k = int(np.argmax(np.abs(coarse)))
-    if len(pair) == 2:
+    if len(names) == 2:
         covariance = fit.correlation.predict_covariance(field, lmax).covariance
-        correlation = correlation_of(fit.correlation.select_parameters(pair, lmax).covariance(covariance))[0, 1]
-        quantity = f"correlation of {pair[0]} and {pair[1]}, {correlation:+.4f}"
+        correlation = correlation_of(fit.correlation.select_parameters(names, lmax).covariance(covariance))[0, 1]
+        quantity = f"correlation of {names[0]} and {names[1]}, {correlation:+.4f}"
     else:
-        quantity = f"ln σ² of {pair[0]}"
+        quantity = f"ln σ² of {names[0]}"
     region = f"the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°"
     text = f"{region}: doubling the weight of the sources in the pixel there (29° wide) changes it by {coarse[k]:+.4f}"
     return Section(f"{label}: {quantity}", [("depends most on", text)])
 
 
-def _make_leakage_section(leak, label, power):
-    biases = leak.bias_of(fit.correlation.parameters_of("spin+acceleration").names, power)
-    cells = ", ".join(f"{name} {value:.3g}" for name, value in biases.items())
-    degrees = f"degrees {leak.fitted.lmax + 1} to {leak.unmodelled.lmax}"
+def _make_leakage_section(leakage, label, power):
+    biases = leakage.bias_of(fit.correlation.parameters_of("spin+acceleration").names, power)
+    bias_texts = ", ".join(f"{name} {value:.3g}" for name, value in biases.items())
+    degrees = f"degrees {leakage.fitted.lmax + 1} to {leakage.unmodelled.lmax}"
     title = f"{label}: bias of the fit by {degrees}, which are left out"
-    facts = [("power", f"{power:g} (µas/yr)² in each of T and S"), ("bias", f"{cells} µas/yr (rms)")]
+    facts = [("power", f"{power:g} (µas/yr)² in each of T and S"), ("bias", f"{bias_texts} µas/yr (rms)")]
     return Section(title, facts)
 
 
@@ -192,12 +192,12 @@ def _make_leakage_section(leak, label, power):
 _INFLUENCE_NSIDE = 16
 
 
-def _make_influence_part(field, label, pair, lmax):
+def _make_influence_part(field, label, names, lmax):
     """The map of an influence as a part of the result."""
-    values = fit.correlation.influence_map(field, lmax, pair, _INFLUENCE_NSIDE)
-    name = f"influence_{label}_{'_'.join(pair)}".replace("(", "").replace(")", "").replace(",", "")
-    symbols = " and ".join(map(fit.correlation.symbol, pair))
-    quantity = f"correlation of {symbols}" if len(pair) == 2 else f"ln σ² of {symbols}"
+    values = fit.correlation.influence_map(field, lmax, names, _INFLUENCE_NSIDE)
+    name = f"influence_{label}_{'_'.join(names)}".replace("(", "").replace(")", "").replace(",", "")
+    symbols = " and ".join(map(fit.correlation.symbol, names))
+    quantity = f"correlation of {symbols}" if len(names) == 2 else f"ln σ² of {symbols}"
     title, unit = f"{label}:\nwhat drives the {quantity}", "its change where the sources (dots) weigh twice"
     metadata = {"ORDERING": "RING", "FRAME": field.frame}
     return finishing.Part(

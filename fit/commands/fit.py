@@ -112,7 +112,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 
 DEMO = "demo.fits"
 #: Headings of tables beside those of the solution.
-_HEADINGS = {
+_TABLE_HEADINGS = {
     "floor": "Systematic errors",
     "shared": "Classes with common systematic errors",
     "waves": "Gravitational waves",
@@ -130,40 +130,40 @@ def _run(options):
     source = tables.cache_columns(source) if options.classes and not reading.is_in_parts(options) else source
     field = run.read(source, path, roles=("name",), value=options.value).to_frame(options.frame)
     estimate = fit.estimate(field, options.lmax, *parsing.split_method(options.method))
-    solution, sources, plain = estimate.solution, estimate.sources, estimate.plain
+    solution, sources, plain_solution = estimate.solution, estimate.sources, estimate.plain
     results: dict[str, Any] = {}
     if not solution.covariance_dof > 0 and (options.floor or options.waves):
         raise ParameterError("few sources decide this fit, so it has no errors that --floor or --waves could use")
     if options.waves:
         has_floor = options.floor or solution.includes_floor
-        results["waves"] = _limit_waves(plain, has_floor, options.years)
+        results["waves"] = _limit_waves(plain_solution, has_floor, options.years)
     if options.floor and not solution.includes_floor:
-        solution = _solve_with_floor(plain)
+        solution = _solve_with_floor(plain_solution)
     if solution.floor is not None:
         results["floor"] = solution.floor
     templates = [_read_template(template, run, source, path, field) for template in options.templates or ()]
     if options.classes:
         n_sources = solution.n_sources + (estimate.n_clipped or 0)
-        results["shared"] = _compare_subsets(run, source, path, estimate, templates, n_sources)
+        results["shared"] = _compare_classes(run, source, path, estimate, templates, n_sources)
     elif templates:
         results["shared"] = _fit_templates(estimate, templates)
     if templates:
-        results["cross_powers"] = _compute_cross_powers(plain, solution.floor, templates)
-    name = "the simulated catalogue of the demo" if options.demo else source.label
-    facts: dict[str, Any] = {"source": f"{options.value} of {name}" if options.value else name}
+        results["cross_powers"] = _compute_cross_powers(plain_solution, solution.floor, templates)
+    source_name = "the simulated catalogue of the demo" if options.demo else source.label
+    facts: dict[str, Any] = {"source": f"{options.value} of {source_name}" if options.value else source_name}
     if not options.value:
         facts |= {"check": fit.cross_check(sources), "truth": catalogue.truth_of(source)}
     answer = _make_answer(solution, results, options.classes)
-    captions = {key: text for key, text in _CAPTIONS.items() if key in results}
+    captions = {key: text for key, text in _FIGURE_CAPTIONS.items() if key in results}
 
     def further_tables():
-        return {_HEADINGS.get(key, key): result.to_table() for key, result in results.items()}
+        return {_TABLE_HEADINGS.get(key, key): result.to_table() for key, result in results.items()}
 
-    def latex():
+    def format_latex():
         extra_tables = (latex_table(table, head) for head, table in further_tables().items()) if options.long else ()
         return "\n\n".join([fit.output.latex_of(solution, full=options.long), *extra_tables])
 
-    def write(folder, meta):
+    def write_files(folder, meta):
         solution.write(folder / "solution.ecsv", meta)
         fit.output.write_tables(solution, sources, folder, meta, estimate.source_weights)
         fit.output.write_correlation(solution, folder / "correlation.ecsv", meta)
@@ -180,7 +180,7 @@ def _run(options):
             sections=_make_further_sections(results, True),
             provenance=meta,
             answer=answer,
-            **facts | {"source": Path(name).name},
+            **facts | {"source": Path(source_name).name},
         )
 
     warnings = [f"{label}: {text}" for label, text in fit.output.warnings_of(solution)]
@@ -195,7 +195,7 @@ def _run(options):
                     "powers": fit.output.powers_table(solution),
                     "coefficients": solution.to_table(),
                 },
-                files=write,
+                files=write_files,
             ),
             *(
                 finishing.Part(key, result, key, plot=dict if key == "floor" else None)
@@ -203,7 +203,7 @@ def _run(options):
             ),
         ],
         sections=lambda long: [*solution.sections(long=long, **facts), *_make_further_sections(results, long)],
-        latex=latex,
+        latex=format_latex,
         answer=answer,
         notes=[*warnings, *solution.notes],
         paths=path,
@@ -244,8 +244,8 @@ def _make_answer(solution, results, has_classes):
 def _make_further_sections(results, long):
     """The sections below those of the solution; short, the lines to quote have the floor and the limit on waves."""
     names = [name for name in (*(("floor", "waves") if long else ()), "shared", "cross_powers") if name in results]
-    selection = [replace(results[name], notes=()) if name == "waves" else results[name] for name in names]  # said above
-    return [section for result in selection for section in result.sections(long=long)]
+    shown = [replace(results[name], notes=()) if name == "waves" else results[name] for name in names]  # said above
+    return [section for result in shown for section in result.sections(long=long)]
 
 
 def _count_rows(solution, n_clipped, condition):
@@ -255,7 +255,7 @@ def _count_rows(solution, n_clipped, condition):
     return counts | {"rows_clipped": n_clipped} | ({"rows_not_selected": n_skipped} if condition else {})
 
 
-def _compare_subsets(run, source, path, estimate, templates, n_sources):
+def _compare_classes(run, source, path, estimate, templates, n_sources):
     """The classes with their common systematic errors, summed by the weights of the `estimate`.
 
     Those of `n_sources` that are in no class are counted.
@@ -271,19 +271,19 @@ def _compare_subsets(run, source, path, estimate, templates, n_sources):
         subsets = [_read_class(read, *item) for item in zip(classes.labels, conditions, strict=True)]
         if ";" in options.classes:
             any_class = " or ".join(f"({condition})" for condition in classes.conditions)
-            _check_disjoint(read(where=_join_conditions(options.where, any_class)), classes, subsets)
+            _check_classes_disjoint(read(where=_join_conditions(options.where, any_class)), classes, subsets)
     lmax, n_inside = estimate.solution.modes.lmax, 0
     if estimate.method == "clip":
         n_inside = sum(vsh.io.parts.as_parts(subset, vsh.field.SourcesWithErrors).sum(len) for subset in subsets)
         subsets = [fit.estimate(subset, lmax, *parsing.split_method(options.method)).sources for subset in subsets]
     subsets = [subset.to_frame(options.frame) for subset in subsets]
-    make = partial(estimate.equations, templates=templates)
-    normals = [make(subset, lmax) for subset in subsets]
-    normals = fit.background.extend_degrees(normals, make, subsets)
+    make_equations = partial(estimate.equations, templates=templates)
+    normals = [make_equations(subset, lmax) for subset in subsets]
+    normals = fit.background.extend_degrees(normals, make_equations, subsets)
     comparison = fit.background.shared(
         normals, range(2, lmax + 1), labels=classes.labels, noise_scale=estimate.is_scaled
     )
-    n_inside, notes = n_inside or sum(item.n_sources for item in normals), []
+    n_inside, notes = n_inside or sum(normal.n_sources for normal in normals), []
     if n_sources > n_inside and not reading.is_density(options.value, source):  # which are pixels, of any size
         notes.append(f"{n_sources - n_inside} of {n_sources} sources are in no class: no value, or between conditions")
     return replace(comparison, notes=(*comparison.notes, *notes, estimate.class_note))
@@ -303,7 +303,7 @@ def _read_class(read, label, condition):
         raise TableError(str(error).replace("--where", "--classes", 1)) from error
 
 
-def _check_disjoint(union, classes, subsets):
+def _check_classes_disjoint(union, classes, subsets):
     """Raise ParameterError where a source is in two classes."""
     counts = [vsh.io.parts.as_parts(subset, vsh.field.SourcesWithErrors).sum(len) for subset in subsets]
     n_all = vsh.io.parts.as_parts(union, vsh.field.SourcesWithErrors).sum(len)
@@ -319,7 +319,7 @@ _HIGHEST_WITH_WAVES = 7
 
 
 #: Captions of the figures.
-_CAPTIONS = {
+_FIGURE_CAPTIONS = {
     "shared": "The classes, with common systematic errors.",
     "cross_powers": "What of the solution follows each template, by degree, in errors with the floor.",
     "waves": "Energy in gravitational waves: posteriors and 95 % limits.",
@@ -356,8 +356,8 @@ def _read_template(word, run, source, path, field):
     if word == _DENSITY:
         return fit.background.Template.density(_DENSITY, field)
     frame: Any
-    frame, _, location = word.partition(":")
-    frame, word = (frame, location) if frame in FRAMES else (None, word)
+    frame, _, path_text = word.partition(":")
+    frame, word = (frame, path_text) if frame in FRAMES else (None, word)
     if Path(word).is_file():
         name = Path(word).name
         if word.endswith(".ecsv"):

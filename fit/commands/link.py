@@ -74,9 +74,9 @@ def _run(options):
     from vsh.io.tables import write_table
 
     labels = [Path(path).name.split(".")[0] for path in options.catalogues]
-    unknown_names = sorted({*options.quasars} - {*labels})
-    if unknown_names:
-        raise ParameterError(f"no table is called {', '.join(unknown_names)}: there are {', '.join(labels)}")
+    unknown_labels = sorted({*options.quasars} - {*labels})
+    if unknown_labels:
+        raise ParameterError(f"no table is called {', '.join(unknown_labels)}: there are {', '.join(labels)}")
     astrometry, *others = (
         read_astrometry(path, still=label in options.quasars)
         for path, label in zip(options.catalogues, labels, strict=True)
@@ -84,18 +84,18 @@ def _run(options):
     for other in others:
         astrometry = astrometry + other
     fixed_epochs = None if options.fixed is None else {name: _parse_epoch(text) for name, text in options.fixed.items()}
-    keywords: dict[str, Any] = {
+    link_options: dict[str, Any] = {
         "reference": options.reference, "unknowns": options.unknowns, "order": options.order,
         "epoch": options.epoch, "robust": not options.no_robust,
         "scale": options.scale, "priors": read_priors(options.priors) if options.priors else (), "fixed": fixed_epochs,
     }  # fmt: skip
     results: dict[str, Any] = {}
     if options.seek_step is None:
-        solution = link(astrometry, steps=options.steps, **keywords)
+        solution = link(astrometry, steps=options.steps, **link_options)
     else:
         if options.steps:
             raise ParameterError("--steps says where the frame jumps, --seek-step asks where: give one of the two")
-        results["steps"] = find_step(astrometry, options.seek_step or None, **keywords)
+        results["steps"] = find_step(astrometry, options.seek_step or None, **link_options)
         solution = results["steps"].solution
     results["link"] = solution
     if options.candidates:
@@ -141,8 +141,8 @@ def _make_truth_sections(solution, path):
         vectors["jump"], _ = solution.jump(solution.unknowns.steps[0])
     facts = []
     for name, vector in vectors.items():
-        true = truth[name]
-        pairs = zip(true, (vector.value - true) / vector.sigma, strict=True)
+        true_value = truth[name]
+        pairs = zip(true_value, (vector.value - true_value) / vector.sigma, strict=True)
         facts.append(
             (name, ", ".join(f"{value:+.2f} ({deviation:+.1f}σ)" for value, deviation in pairs) + f" {vector.unit}")
         )

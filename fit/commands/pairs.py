@@ -47,10 +47,10 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _parse_angle(text):
-    number = parsing.parse_positive(text)
-    if number > 180:
+    angle = parsing.parse_positive(text)
+    if angle > 180:
         raise argparse.ArgumentTypeError(f"an angle up to 180 degrees is expected, not {text!r}")
-    return number
+    return angle
 
 
 def _parse_templates(text):

@@ -41,7 +41,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--h0 H0[±ERROR]|LOW:HIGH",
         "fit our velocity for this Hubble constant, km/s/Mpc | of the posterior, a Gaussian prior where an error is "
         "given, 67.4±1 (or 67.4+-1), and a flat prior between limits, 40:110; flat unless given",
-        _parse_hubble,
+        _parse_hubble_prior,
         action=parsing.JoinValues,
     )
     add(
@@ -50,7 +50,7 @@ def make_parser() -> argparse.ArgumentParser:
         "in degrees",
         parsing.parse_velocity,
     )
-    add("--bins N|Z,Z,…", "fit spin and acceleration in bins of redshift | their number, or their edges", _parse_edges)
+    add("--bins N|Z,Z,…", "fit spin and acceleration in bins of redshift | their number, or their edges", _parse_bins)
     add("--lmax", "highest degree in the bins", parsing.count(1), 1)
     add(
         "--floor",
@@ -126,7 +126,7 @@ def _parse_flows(text):
     return text
 
 
-def _parse_hubble(text):
+def _parse_hubble_prior(text):
     """H0, its error and the limits of a prior, those that are given, by name."""
     prior: dict[str, Any] = {}
     for words in text.replace("+-", "±").split(","):
@@ -142,13 +142,13 @@ def _parse_hubble(text):
     return prior
 
 
-def _parse_edges(text):
-    edges = parsing.parse_numbers(text)
-    if len(edges) == 1:
+def _parse_bins(text):
+    numbers = parsing.parse_numbers(text)
+    if len(numbers) == 1:
         parsing.count(1)(text)
-    elif not all(a < b for a, b in pairwise(edges)):
+    elif not all(a < b for a, b in pairwise(numbers)):
         raise argparse.ArgumentTypeError(f"edges must rise, not {text!r}")
-    return edges
+    return numbers
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
@@ -161,12 +161,12 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     is_free = options.dispersion == "free" or isinstance(options.dispersion, tuple)
     if is_free and not options.posterior:
         parser.error("--dispersion free or 0:MAX is a prior: it needs --posterior")
-    prior = options.h0 or {}
-    if prior.keys() & {"error", "limits"} and not options.posterior:
+    hubble_prior = options.h0 or {}
+    if hubble_prior.keys() & {"error", "limits"} and not options.posterior:
         parser.error("--h0 with an error, or between limits, is a prior: it needs --posterior")
-    if "error" in prior and "value" not in prior:
+    if "error" in hubble_prior and "value" not in hubble_prior:
         parser.error("--h0 has an error, and no value: as 67.4±1")
-    options.h0, options.h0_error, options.h0_range = (prior.get(name) for name in ("value", "error", "limits"))
+    options.h0, options.h0_error, options.h0_range = (hubble_prior.get(name) for name in ("value", "error", "limits"))
     if options.floor == "yes" and options.lmax == 2:
         parser.error("--floor needs --lmax 3 or more: degrees 1 and 2 contain no information on systematic errors")
     method = parsing.split_method(options.method)[0] if options.method else ""
@@ -175,19 +175,19 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
             parser.error(f"--{name} is for --bins")
     if not (options.h0 or options.velocity or options.bins or options.posterior):
         parser.error("nothing to do: give --h0 H0, --velocity planck, --bins EDGES, --posterior")
-    folders = Path(options.checkpoint or ".").resolve().parents
-    if options.checkpoint and options.output and Path(options.output).resolve() in folders:
+    checkpoint_folders = Path(options.checkpoint or ".").resolve().parents
+    if options.checkpoint and options.output and Path(options.output).resolve() in checkpoint_folders:
         parser.error("keep the checkpoint outside the folder of results, which is replaced as a whole")
-    words = options.flows or "yes"
-    options.reconstruction = None if words in ("yes", "no", "alone") else words
-    options.flows, options.has_group = words != "no", words not in ("no", "alone")
+    flows_text = options.flows or "yes"
+    options.reconstruction = None if flows_text in ("yes", "no", "alone") else flows_text
+    options.flows, options.has_group = flows_text != "no", flows_text not in ("no", "alone")
 
 
 #: Upper limits of a dispersion that is free in the posterior, beside a flow and without. [km/s]
 _MAX_DISPERSION = {True: 400.0, False: 1000.0}
 #: The degree that it is looked for to where bins are fitted to degree 1.
 _FLOOR_DEGREE = 5
-_CAPTIONS = {
+_FIGURE_CAPTIONS = {
     "corner": "Every pair of quantities, with 68 and 95 % contours; dashed: the prior on H0.",
     "trace": "Walkers against steps; grey: left out. R̂ near 1 and a large effective size: the chain has converged.",
     "correlations": "Correlations of the parameters.",
@@ -199,23 +199,23 @@ def _run(options):
     source = run.open(options.catalogue)
     truth = vsh.io.catalogue.truth_of(source)
     sky = run.read(source, options.catalogue).to_frame(options.frame)
-    facts, counts = _make_redshift_facts(sky, source, options)
+    facts, counts = _make_redshift_facts_and_counts(sky, source, options)
     velocity = reading.make_observer_velocity(options.velocity) or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
-    model, failure = _choose_model_options(options), None
-    method, value = parsing.split_method(options.method) if options.method else (None, None)
-    parts = _fit_bin_parts(sky, options, model, velocity, method, value) if options.bins else []
-    sky = fit.robust.clip(sky, vsh.Modes(1), float(value or 3.0)).sources(sky) if method == "clip" else sky
+    model_options, failure = _choose_model_options(options), None
+    method, method_value = parsing.split_method(options.method) if options.method else (None, None)
+    parts = _make_bin_parts(sky, options, model_options, velocity, method, method_value) if options.bins else []
+    sky = fit.robust.clip(sky, vsh.Modes(1), float(method_value or 3.0)).sources(sky) if method == "clip" else sky
     if options.h0 or options.velocity or options.posterior:
         field = _select_known_redshifts(sky, options, source.label)
-        estimates = _estimate_by_least_squares(field, options, model, velocity, truth)
+        estimates = _estimate_velocity_and_hubble(field, options, model_options, velocity, truth)
         if options.posterior:
             try:
-                parts.append(_sample_posterior_part(field, options, model, velocity, truth))
+                parts.append(_sample_posterior_part(field, options, model_options, velocity, truth))
             except ConvergenceError as error:  # every other result is written all the same
                 failure = error
         has_posterior = options.posterior and failure is None
         parts += [
-            _estimate_part(name, estimate, source.label, truth, has_posterior) for name, estimate in estimates.items()
+            _report_estimate(name, estimate, source.label, truth, has_posterior) for name, estimate in estimates.items()
         ]
         flow = next((estimate.flow for estimate in estimates.values()), None)
         if flow is not None:
@@ -223,7 +223,7 @@ def _run(options):
             parts.append(finishing.Part("flow", flow, caption=caption, is_long=True, as_table=True))
     results = {part.name: part.result for part in parts}
 
-    def sections(long):
+    def make_sections(long):
         report = [section for part in parts for section in part.select_sections(long)]
         if failure is not None:
             report.append(Section("Posterior", [("not finished", str(failure))]))
@@ -231,19 +231,19 @@ def _run(options):
 
     run.finish(
         parts,
-        sections=sections,
+        sections=make_sections,
         notes=() if isinstance(sky, vsh.io.parts.Parts) else sky.notes,
         answer=Answer(tuple(_format_answer_lines(results))),
         paths=options.catalogue,
         counts=counts,
         title=f"Motions against redshift: {source.label}",
-        captions=_CAPTIONS,
+        captions=_FIGURE_CAPTIONS,
     )
     if failure is not None:
         raise failure
 
 
-def _make_redshift_facts(sky, source, options):
+def _make_redshift_facts_and_counts(sky, source, options):
     """The frame of the redshifts, as facts, and the numbers of rows; VshError where there are no redshifts."""
     is_parts = isinstance(sky, vsh.io.parts.Parts)
     counts = {}
@@ -267,17 +267,17 @@ def _make_redshift_facts(sky, source, options):
 
 def _choose_model_options(options):
     """Assumptions of every estimate about distances and motions, as keyword arguments."""
-    model = {
+    model_options = {
         "peculiar_dispersion": options.dispersion if isinstance(options.dispersion, float) else None,
         "redshift_frame": options.redshift_frame,
         "flows": "linear" if options.flows else None,
     }
     if options.reconstruction is not None:
-        model["reconstruction"] = vsh.models.flows.read_velocity_grid(options.reconstruction)
-    return model
+        model_options["reconstruction"] = vsh.models.flows.read_velocity_grid(options.reconstruction)
+    return model_options
 
 
-def _fit_bin_parts(sky, options, model, velocity, method, value):
+def _make_bin_parts(sky, options, model, velocity, method, value):
     """Spin and acceleration in bins, and where asked for, or of many sources, with common systematic errors."""
     from fit.redshift import binned
 
@@ -290,10 +290,10 @@ def _fit_bin_parts(sky, options, model, velocity, method, value):
         # Permutations know nothing of the systematic errors.
         comparison, remark = _compare_bins_with_systematics(bin_up_to, bins, options.lmax, options.floor == "yes")
     else:
-        p_values = _permute_redshifts(sky, bins, velocity, bin_options)
-        remark = _describe_floor(sky, bins)
+        p_values = _compute_permutation_p_values(sky, bins, velocity, bin_options)
+        remark = _describe_missing_floor(sky, bins)
 
-    def sections(long):
+    def make_sections(long):
         tests: Any
         *report, tests = bins.sections(velocity=velocity, p_values=p_values, long=long)
         tests = replace(tests, remarks=[*tests.remarks, remark] if remark else tests.remarks)
@@ -303,13 +303,13 @@ def _fit_bin_parts(sky, options, model, velocity, method, value):
         return [*report, tests]
 
     caption = "Acceleration and spin in bins of redshift; dashed: what our motion past nearby galaxies adds."
-    plot = partial(bins.plot, velocity)
+    plot_bins = partial(bins.plot, velocity)
 
-    def tables():
-        table = sections(True)[-1].table
+    def make_tables():
+        table = make_sections(True)[-1].table
         return {"Bins of redshift": bins.to_table()} | ({} if table is None else {"Do the bins differ?": table})
 
-    parts = [finishing.Part("bins", bins, "", caption, sections=sections, plot=plot, tables=tables)]
+    parts = [finishing.Part("bins", bins, "", caption, sections=make_sections, plot=plot_bins, tables=make_tables)]
     if comparison is not None:
         caption = "Spin and acceleration of the bins, with common systematic errors."
         parts.append(finishing.Part("shared", comparison, "Bins with common systematic errors", caption))
@@ -320,9 +320,9 @@ def _compare_bins_with_systematics(bin_up_to, bins, lmax, is_asked):
     """The systematic errors, or None; and a remark on the p-values without them."""
     degree = lmax if lmax >= 3 else _FLOOR_DEGREE
     bins = bins if lmax >= 3 else bin_up_to(degree)
-    if any(fit.background.sees_part(normal, degree) for normal in bins.normals):
+    if any(fit.background.has_leakage(normal, degree) for normal in bins.normals):
         with suppress(DegeneracyError):  # a bin of few sources does not bear so many, and a note says what that means
-            bins = replace(bins, normals=bin_up_to(degree + fit.background.BEYOND).normals)
+            bins = replace(bins, normals=bin_up_to(degree + fit.background.EXTRA_DEGREES).normals)
     try:
         comparison = bins.shared(range(2, degree + 1))
     except VshError as error:
@@ -332,7 +332,7 @@ def _compare_bins_with_systematics(bin_up_to, bins, lmax, is_asked):
     return comparison, "These p-values are for independent errors; those with systematic errors follow."
 
 
-def _describe_floor(sky, bins):
+def _describe_missing_floor(sky, bins):
     """The size of what errors of bins leave out, in words."""
     if bins.counts.sum() < fit.quality.FEW or bins.flow_share > fit.redshift.FLOW_MATTERS:
         return ""
@@ -346,7 +346,7 @@ def _describe_floor(sky, bins):
     )
 
 
-def _permute_redshifts(field, bins, velocity, bin_options):
+def _compute_permutation_p_values(field, bins, velocity, bin_options):
     """Permute redshifts for p-values of equal bins; None where there are too many sources, or flows that matter."""
     is_small = isinstance(field, vsh.Field) and len(field) <= 20_000
     if not (bins.modes.lmax == 1 and len(bins) > 1 and is_small and bins.flow_share <= fit.redshift.FLOW_MATTERS):
@@ -368,29 +368,29 @@ def _select_known_redshifts(sky, options, label):
     return field
 
 
-def _estimate_by_least_squares(field, options, model, velocity, truth):
+def _estimate_velocity_and_hubble(field, options, model, velocity, truth):
     """Our velocity for a known H0, and H0 for a known velocity, by least squares."""
     estimates: dict[str, Any] = {}
     if options.h0:
         estimates["velocity"] = fit.secular_parallax.observer_velocity(field, options.h0, **model)
     if options.velocity:
-        estimates["hubble"] = _run_with_group(
-            partial(fit.secular_parallax.hubble_constant, field, velocity, **model), _find_group(field, options, truth)
+        estimates["hubble"] = _estimate_with_group(
+            partial(fit.secular_parallax.hubble_constant, field, velocity, **model), _pick_group(field, options, truth)
         )
     return estimates
 
 
-def _run_with_group(estimate, group):
+def _estimate_with_group(estimate, local_group):
     """An estimate with the Local Group's motion; by default without it where galaxies are too far for a flow."""
     try:
-        return estimate(local_group=group)
+        return estimate(local_group=local_group)
     except ParameterError:
-        if not group:
+        if not local_group:
             raise
         return estimate()
 
 
-def _find_group(field, options, truth):
+def _pick_group(field, options, truth):
     """The Local Group's motion, which tells the flow where we are: of real galaxies, or the true one of simulated."""
     from fit.distances import declared_frame
 
@@ -401,14 +401,14 @@ def _find_group(field, options, truth):
     return (options.redshift_frame or declared_frame(field)) != "true" or None
 
 
-def _estimate_part(name, estimate, label, truth, has_posterior):
+def _report_estimate(name, estimate, label, truth, has_posterior):
     """An estimate as a part of the result, below the posterior if there is one."""
 
     heading = "Our velocity" if name == "velocity" else "The Hubble constant"
 
-    def tables():
-        table = _add_truth_column(estimate.to_table(), _find_truth_by_name(truth, estimate))
-        table.meta["summary"] = _summarise(estimate)
+    def make_tables():
+        table = _add_truth_column(estimate.to_table(), _make_truth_by_name(truth, estimate))
+        table.meta["summary"] = _summarise_estimate(estimate)
         return {heading: table}
 
     return finishing.Part(
@@ -418,78 +418,78 @@ def _estimate_part(name, estimate, label, truth, has_posterior):
         sections=lambda long: estimate.sections(source=label, truth=truth, long=long),
         plot=dict,
         is_long=has_posterior,
-        tables=tables,
+        tables=make_tables,
         as_table=True,
     )
 
 
-def _sample_posterior_part(field, options, model_options, v_prior, truth):
+def _sample_posterior_part(field, options, model_options, velocity_prior, truth):
     """The posterior of our velocity and H0 as a part of the result."""
     h0_prior: Any = fit.posterior.Normal(options.h0, options.h0_error) if options.h0 and options.h0_error else "flat"
     if options.h0_range:
         h0_prior = fit.posterior.Flat(*options.h0_range)
-    group = _find_group(field, options, truth)
+    local_group = _pick_group(field, options, truth)
     if isinstance(options.dispersion, tuple):
         model_options = model_options | {"peculiar_dispersion": fit.posterior.Flat(*options.dispersion)}
     elif options.dispersion == "free":
         model_options = model_options | {"peculiar_dispersion": fit.posterior.Flat(0.0, _MAX_DISPERSION[options.flows])}
-    if not v_prior.covariance.any():  # a speed without an error is taken to a thousandth, a direction to 0.001°
-        l, b = v_prior.direction
-        v_prior = vsh.Vector.from_spherical(
-            v_prior.amplitude, l, b, (1e-3 * v_prior.amplitude, 1e-3, 1e-3), "galactic", "km/s"
+    if not velocity_prior.covariance.any():  # a speed without an error is taken to a thousandth, a direction to 0.001°
+        l, b = velocity_prior.direction
+        velocity_prior = vsh.Vector.from_spherical(
+            velocity_prior.amplitude, l, b, (1e-3 * velocity_prior.amplitude, 1e-3, 1e-3), "galactic", "km/s"
         )
     sample = partial(
-        fit.posterior.sample, field, v_prior, h0_prior, method=options.sampler or "emcee", n_samples=options.posterior,
-        rng=1, checkpoint=options.checkpoint, **model_options,
+        fit.posterior.sample, field, velocity_prior, h0_prior, method=options.sampler or "emcee",
+        n_samples=options.posterior, rng=1, checkpoint=options.checkpoint, **model_options,
     )  # fmt: skip
-    posterior = _run_with_group(sample, group)
+    posterior = _estimate_with_group(sample, local_group)
 
-    truths = _find_truth_by_name(truth, posterior)
+    truth_by_name = _make_truth_by_name(truth, posterior)
 
     def sections(long):
         *report, last = posterior.sections(long=long)
-        shares = {name: 100 * np.mean(posterior.samples[name] < x) for name, x in truths.items()}
-        text = ", ".join(f"{name} {x:.4g} ({shares[name]:.0f} %)" for name, x in truths.items())
+        shares = {name: 100 * np.mean(posterior.samples[name] < x) for name, x in truth_by_name.items()}
+        text = ", ".join(f"{name} {x:.4g} ({shares[name]:.0f} %)" for name, x in truth_by_name.items())
         remarks = [f"Truth, and the share of the samples below it: {text}"] if text else []
         return [*report, replace(last, remarks=[*last.remarks, *remarks])]
 
-    def files(folder, meta):
+    def write_files(folder, meta):
         vsh.io.tables.write_table(posterior.to_table(), folder / "posterior.ecsv", meta)
         posterior.write(folder / "samples.fits", {"CATALOG": str(meta["catalogue"])})
 
-    def draw():
-        return {"corner": posterior.corner(truths=truths or None), "trace": posterior.trace()}
+    def draw_plots():
+        return {"corner": posterior.corner(truths=truth_by_name or None), "trace": posterior.trace()}
 
     def tables():
-        return {"Posterior": _add_truth_column(posterior.to_table(), truths)}
+        return {"Posterior": _add_truth_column(posterior.to_table(), truth_by_name)}
 
-    return finishing.Part("posterior", posterior, sections=sections, plot=draw, tables=tables, files=files)
+    return finishing.Part("posterior", posterior, sections=sections, plot=draw_plots, tables=tables, files=write_files)
 
 
-def _find_truth_by_name(truth, result):
+def _make_truth_by_name(truth, result):
     """The truth of a simulated catalogue, by the names of a result; empty where it is not known."""
     if not truth or "velocity" not in truth:
         return {}
-    values = {"H0": truth["hubble"]}
+    truth_by_name = {"H0": truth["hubble"]}
     for name, letter in (("velocity", "v"), ("acceleration", "a")):
         vector = truth[name].to_frame(result.frame)
-        values |= {f"{letter}_{axis}": float(value) for axis, value in zip("xyz", vector.value, strict=True)}
+        truth_by_name |= {f"{letter}_{axis}": float(value) for axis, value in zip("xyz", vector.value, strict=True)}
     names = result.samples if hasattr(result, "samples") else result.names
-    return {name: value for name, value in values.items() if name in names}
+    return {name: value for name, value in truth_by_name.items() if name in names}
 
 
-def _add_truth_column(table, truths):
+def _add_truth_column(table, truth_by_name):
     """A table of parameters with the truth of a simulated catalogue, if there is one, beside their errors."""
-    if truths:
+    if truth_by_name:
         position = table.colnames.index("sigma") + 1
-        table.add_column([truths.get(parameter, np.nan) for parameter in table.columns[0]], position, "truth")
+        table.add_column([truth_by_name.get(parameter, np.nan) for parameter in table.columns[0]], position, "truth")
     return table
 
 
 #: H0 is said to depend on its prior where medians differ by such a factor.
-_PRIOR_FACTOR = 1.5
+_PRIOR_DEPENDENCE_FACTOR = 1.5
 #: The Hubble constants that are published lie between these, by Planck and by distance ladders. [km/s/Mpc]
-_PUBLISHED_HUBBLE = 67.0, 73.0
+_PUBLISHED_HUBBLE_RANGE = 67.0, 73.0
 
 
 def _format_answer_lines(results):
@@ -504,7 +504,7 @@ def _format_answer_lines(results):
     if "posterior" in results:
         lines += _format_posterior_lines(results["posterior"], factor)
     elif "hubble" in results:
-        lines.append(("H0", _format_hubble(results["hubble"])))
+        lines.append(("H0", _format_least_squares_hubble(results["hubble"])))
     if "velocity" in results:
         solution = results["velocity"]
         if doubt := fit.secular_parallax.describe_implausible_speed(solution.velocity):
@@ -530,26 +530,26 @@ def _format_answer_lines(results):
     return lines
 
 
-def _format_hubble(solution):
+def _format_least_squares_hubble(solution):
     """H0 by least squares for a known velocity, and how far it is from published values."""
     value, error = solution.hubble, solution.hubble_error
-    if not _is_determined(solution):
+    if not _is_hubble_determined(solution):
         limit = solution.hubble_limits[1]
-        return f"not determined: < {format_three_digits(limit)} km/s/Mpc (95 %), {_compare_with_published(limit)}"
-    return f"{format_with_error(value, error)} km/s/Mpc, {_format_deviation(value, error)}"
+        return f"not determined: < {format_three_digits(limit)} km/s/Mpc (95 %), {_compare_limit_with_published(limit)}"
+    return f"{format_with_error(value, error)} km/s/Mpc, {_format_hubble_deviation(value, error)}"
 
 
-def _format_deviation(value, error):
+def _format_hubble_deviation(value, error):
     """Distance of a Hubble constant from the published ones, in its errors."""
-    lower, upper = _PUBLISHED_HUBBLE
+    lower, upper = _PUBLISHED_HUBBLE_RANGE
     distance = max(lower - value, value - upper, 0.0) / error
     place = f"{distance:.1f} σ outside" if distance else "within"
     return f"{place} the published range of 67 to 73"
 
 
-def _compare_with_published(limit):
+def _compare_limit_with_published(limit):
     """Say if an upper limit leaves room for the published values."""
-    return f"{'consistent with' if limit > _PUBLISHED_HUBBLE[0] else 'excludes'} the published 67 to 73"
+    return f"{'consistent with' if limit > _PUBLISHED_HUBBLE_RANGE[0] else 'excludes'} the published 67 to 73"
 
 
 def _format_posterior_hubble(posterior, factor):
@@ -558,60 +558,60 @@ def _format_posterior_hubble(posterior, factor):
     Where residuals suggest errors `factor` times as large its distance is in those, as it is by least squares.
     """
     if posterior.hubble_limits is not None:
-        above, below = posterior.hubble_limits
-        if below == float("inf"):
-            return f"not limited from above; > {format_three_digits(above)} km/s/Mpc (95 %)", "the prior has no end"
-        return f"not determined: < {format_three_digits(below)} km/s/Mpc (95 %)", _compare_with_published(below)
+        low, high = posterior.hubble_limits
+        if high == float("inf"):
+            return f"not limited from above; > {format_three_digits(low)} km/s/Mpc (95 %)", "the prior has no end"
+        return f"not determined: < {format_three_digits(high)} km/s/Mpc (95 %)", _compare_limit_with_published(high)
     h0 = posterior.summary()["H0"]
-    error = (h0.median - h0.low68) if h0.median > _PUBLISHED_HUBBLE[1] else (h0.high68 - h0.median)
+    error = (h0.median - h0.low68) if h0.median > _PUBLISHED_HUBBLE_RANGE[1] else (h0.high68 - h0.median)
     median, lower, upper, *_ = posterior.print_summary()["H0"]
-    return f"{median} km/s/Mpc ({lower} to {upper}, 68 %)", _format_deviation(h0.median, factor * error)
+    return f"{median} km/s/Mpc ({lower} to {upper}, 68 %)", _format_hubble_deviation(h0.median, factor * error)
 
 
 def _format_posterior_lines(posterior, factor):
     """H0 and the speed by the posterior, medians with 68 % intervals, and the priors they rest on."""
-    rows, texts = posterior.summary(), posterior.print_summary()
+    summary, summary_texts = posterior.summary(), posterior.print_summary()
     lines = [("H0", "{}, posterior; {}".format(*_format_posterior_hubble(posterior, factor)))]
     if factor > 1:
         caution = f"residuals suggest errors {factor:.3g} times as large as those of the posterior"
         lines.append(("caution", caution))
-    v = rows.get("speed")
-    has_speed = v is not None and v.high68 - v.low68 > 0.02 * v.median  # otherwise it is the prior's
+    speed = summary.get("speed")
+    has_speed = speed is not None and speed.high68 - speed.low68 > 0.02 * speed.median  # otherwise it is the prior's
     if posterior.hubble_limits is not None and (has_speed or np.isfinite(posterior.hubble_limits[1])):
         product = [f"{value:.0f}" for value in posterior.product]
         lines.append(("v · H0", f"{product[0]} (km/s)²/Mpc ({product[1]} to {product[2]}, 68 %)"))
     if has_speed:
-        median, lower, upper, *_ = texts["speed"]
+        median, lower, upper, *_ = summary_texts["speed"]
         lines.append(("speed", f"{median} km/s ({lower} to {upper}, 68 %), posterior"))
     priors = posterior.model.priors.describe_in_words()
     lines.append(("prior", f"H0 {priors['hubble']}; velocity {priors['velocity']}"))
     medians = [quantiles.median for quantiles in posterior.hubble_by_prior.values()]
-    if medians and max(medians) > _PRIOR_FACTOR * min(medians):
-        limits = [quantiles.below for quantiles in posterior.hubble_by_prior.values()]
-        interval = f"{format_three_digits(min(limits))} to {format_three_digits(max(limits))} km/s/Mpc"
+    if medians and max(medians) > _PRIOR_DEPENDENCE_FACTOR * min(medians):
+        upper_limits = [quantiles.below for quantiles in posterior.hubble_by_prior.values()]
+        interval = f"{format_three_digits(min(upper_limits))} to {format_three_digits(max(upper_limits))} km/s/Mpc"
         caution = f"the motions determine H0 poorly: its 95 % upper limit ranges over {interval} with other priors"
         lines.append(("caution", caution))
     return lines
 
 
-def _format_p_value(p):
-    hint = fit.quality.hint_of(p)
-    return f"p = {printed_p_value(p)}{hint and f', {hint}'}"
+def _format_p_value(p_value):
+    hint = fit.quality.hint_of(p_value)
+    return f"p = {printed_p_value(p_value)}{hint and f', {hint}'}"
 
 
-def _is_determined(solution):
+def _is_hubble_determined(solution):
     """Return whether H0 is a number with an error, rather than a limit."""
     return solution.hubble > 3 * solution.hubble_error
 
 
-def _summarise(solution):
+def _summarise_estimate(solution):
     """Summarise a velocity, or H0, in a line."""
     if hasattr(solution, "velocity"):
         phrase = f"for H0 = {solution.assumed_hubble:g} km/s/Mpc"
     else:
         lower, upper = solution.hubble_limits
         limits = f"below {format_three_digits(upper)}" + (f", above {format_three_digits(lower)}" if lower > 0 else "")
-        if not _is_determined(solution):
+        if not _is_hubble_determined(solution):
             limits += " (not determined: the table has the least-squares value)"
         speed = solution.assumed_velocity.amplitude
         phrase = f"for our velocity of {speed:.1f} km/s, H0 in km/s/Mpc with 95 % {limits}"

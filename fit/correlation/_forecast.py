@@ -102,8 +102,8 @@ def predict_covariance(
     if isinstance(floor, Spectrum) or floor is None:
         solution = solve(normal) if floor is None else _solve_with_spectrum(normal, floor)
     else:  # the errors of these sources are not those of the other catalogue
-        parts = [replace(part, noise_scale=1.0) for part in floor.parts]
-        solution = solve(normal, floor=replace(floor, noise_scale=1.0, parts=tuple(parts)))
+        floor_parts = [replace(part, noise_scale=1.0) for part in floor.parts]
+        solution = solve(normal, floor=replace(floor, noise_scale=1.0, parts=tuple(floor_parts)))
     # N of the six vectors, from that of the degree-1 coefficients: c = F v.
     transformation = np.zeros((len(modes), 6))
     for k, kind in enumerate(KINDS):
@@ -123,9 +123,9 @@ def predict_covariance(
 
 def _solve_with_spectrum(normal, spectrum):
     """The solution with errors of a known spectrum: a prior from degree 2 on, and more of degree 1."""
-    variances, degree_one = spectrum.variances(normal.modes), normal.modes.degrees == 1
-    solution = solve(normal + gaussian_prior(normal.modes, np.sqrt(np.where(degree_one, np.inf, variances))))
-    return replace(solution, covariance=solution.covariance + np.diag(np.where(degree_one, variances, 0.0)))
+    variances, is_degree_one = spectrum.variances(normal.modes), normal.modes.degrees == 1
+    solution = solve(normal + gaussian_prior(normal.modes, np.sqrt(np.where(is_degree_one, np.inf, variances))))
+    return replace(solution, covariance=solution.covariance + np.diag(np.where(is_degree_one, variances, 0.0)))
 
 
 def _sum_information(field):

@@ -48,8 +48,8 @@ class Leakage(Result):
 
     def of(self, coefficients: Coefficients) -> Coefficients:
         """The bias by a given field, `coefficients` [µas/yr], as Coefficients; its fitted degrees do not count."""
-        beyond = self._select_beyond(coefficients.to_degree(self.unmodelled.lmax).values)
-        return Coefficients(self.fitted, self.matrix @ beyond)
+        unmodelled_values = self._select_unmodelled(coefficients.to_degree(self.unmodelled.lmax).values)
+        return Coefficients(self.fitted, self.matrix @ unmodelled_values)
 
     def covariance(self, power: float | Mapping[int, float] | ArrayLike) -> FloatArray:
         """Covariance of the biases, (p, p), for a Gaussian random field. [(µas/yr)²]
@@ -60,7 +60,7 @@ class Leakage(Result):
             ∫ |V_l|² dΩ of one kind and degree on average: the same for all, by degree {l: power}, an array
             from the first unmodelled degree on, or two rows of it, T and S. [(µas/yr)²]
         """
-        variance = self._select_beyond(self._compute_variances(power))
+        variance = self._select_unmodelled(self._compute_variances(power))
         return (self.matrix * variance) @ self.matrix.T
 
     def bias(self, power: float | Mapping[int, float] | ArrayLike) -> FloatArray:
@@ -114,7 +114,7 @@ class Leakage(Result):
             frame=check_frame(metadata["frame"]),
         )
 
-    def _select_beyond(self, values):
+    def _select_unmodelled(self, values):
         return values[[i for i, mode in enumerate(self.unmodelled) if mode.l > self.fitted.lmax]]
 
     def _compute_variances(self, power):
@@ -156,10 +156,10 @@ def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma
     check_unmodelled_higher(fitted, unmodelled)
     normal = normal_equations(field_from_positions(sources, sigma), unmodelled)
     is_fitted = np.array([mode.l <= fitted.lmax for mode in unmodelled])
-    block = normal.matrix[np.ix_(is_fitted, is_fitted)]
-    equations = replace(normal, modes=fitted, matrix=block, rhs=normal.rhs[is_fitted])
-    solve(equations)  # tells what such a fit cannot separate
-    matrix = np.linalg.solve(block, normal.matrix[np.ix_(is_fitted, ~is_fitted)])
+    fitted_matrix = normal.matrix[np.ix_(is_fitted, is_fitted)]
+    fitted_equations = replace(normal, modes=fitted, matrix=fitted_matrix, rhs=normal.rhs[is_fitted])
+    solve(fitted_equations)  # tells what such a fit cannot separate
+    matrix = np.linalg.solve(fitted_matrix, normal.matrix[np.ix_(is_fitted, ~is_fitted)])
     names = np.array([str(mode) for mode in unmodelled])
     return Leakage(
         matrix=matrix,

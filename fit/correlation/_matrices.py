@@ -77,10 +77,10 @@ def select_parameters(names: Sequence[str], parameters: Modes | int | str) -> Pa
             coefficient_row = np.zeros(len(modes))
             coefficient_row[modes.slice_of(kind, 1)] = row
             rows[f"{vector}_{axis}"] = coefficient_row
-    missing = [name for name in names if name not in rows]
-    if missing:
+    unknown_names = [name for name in names if name not in rows]
+    if unknown_names:
         raise ParameterError(
-            f"no parameter is called {', '.join(missing)}; there are {', '.join(FRAME_NAMES)}, "
+            f"no parameter is called {', '.join(unknown_names)}; there are {', '.join(FRAME_NAMES)}, "
             f"{', '.join(map(str, modes))}"
         )
     return Parameters(tuple(names), modes, np.stack([rows[name] for name in names]))
@@ -113,7 +113,7 @@ def field_from_positions(sources: Any, sigma: ArrayLike | None = None) -> Field 
 
 
 #: Largest number of parameters for which the matrix is printed; larger matrices are only written to files.
-_MAX_PRINTED = 16
+_MAX_PRINTED_PARAMETERS = 16
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -179,7 +179,7 @@ class CorrelationMatrices(Result):
         remarks = []
         if long and {"omega_x", "a_x"} <= set(self.names):
             remarks = [line for i in range(len(self.labels)) for line in self._explain_by_dipole(i)]
-        is_small = len(self.names) <= _MAX_PRINTED
+        is_small = len(self.names) <= _MAX_PRINTED_PARAMETERS
         table, forms = self.to_table() if is_small else None, dict.fromkeys(self.names, ".3f")
         return (Section("Correlations", facts, table, forms=forms, remarks=remarks),)
 
@@ -207,15 +207,15 @@ class CorrelationMatrices(Result):
     def _explain_by_dipole(self, i):
         x, y, z = self.dipoles[i]
         spin_start, glide_start = self.names.index("omega_x"), self.names.index("a_x")
-        block = self.matrices[i][spin_start : spin_start + 3, glide_start : glide_start + 3]
-        mean = f"  weighted mean unit vector of the sources: ({x:+.3f}, {y:+.3f}, {z:+.3f})"
-        lines = [f"{mean}; largest correlations, and how much of them this dipole explains:"]
+        spin_glide_block = self.matrices[i][spin_start : spin_start + 3, glide_start : glide_start + 3]
+        mean_text = f"  weighted mean unit vector of the sources: ({x:+.3f}, {y:+.3f}, {z:+.3f})"
+        lines = [f"{mean_text}; largest correlations, and how much of them this dipole explains:"]
         prediction = self.dipole_prediction(i)
-        order = np.argsort(-np.abs(block), axis=None)[:3]
-        for row, column in zip(*np.unravel_index(order, (3, 3)), strict=True):
+        largest_cells = np.argsort(-np.abs(spin_glide_block), axis=None)[:3]
+        for row, column in zip(*np.unravel_index(largest_cells, (3, 3)), strict=True):
             axis_name = "xyz"[3 - row - column] if row != column else "none"
             lines.append(
-                f"  omega_{'xyz'[row]} and a_{'xyz'[column]}: {block[row, column]:+.3f}, of which "
+                f"  omega_{'xyz'[row]} and a_{'xyz'[column]}: {spin_glide_block[row, column]:+.3f}, of which "
                 f"{prediction[row, column]:+.3f} is explained by the dipole along {axis_name}"
             )
         return lines
@@ -266,14 +266,14 @@ def correlation_matrices(
         raise ParameterError(f"{len(labels)} labels for {len(fields)} catalogues")
     if solver not in ("harmonics", "frame"):
         raise ParameterError(f'solver is "harmonics" or "frame", not {solver!r}')
-    selection = parameters_of(parameters)
+    parameter_set = parameters_of(parameters)
     if (solver == "frame" or offsets is not None) and parameters != FRAME:
         raise ParameterError("solver='frame' and offsets= can only be used with parameters='spin+acceleration'")
     if offsets is not None:
         offset_fields: list[Any] = list(offsets) if isinstance(offsets, (list, tuple)) else [offsets] * len(fields)
         if len(offset_fields) != len(fields):
             raise ParameterError(f"{len(offset_fields)} fields of offsets for {len(fields)} catalogues")
-    matrices, names, dipoles, frames = [], selection.names, [], []
+    matrices, names, dipoles, frames = [], parameter_set.names, [], []
     for i, field in enumerate(fields):
         if solver == "frame" or offsets is not None:
             frame_solution = solve_frame(field, None if offsets is None else offset_fields[i])
@@ -281,22 +281,22 @@ def correlation_matrices(
             names = frame_solution.names
             frames.append(frame_solution.frame)
         else:
-            solution = solve(normal_equations(field, selection.modes))
-            matrices.append(correlation_of(selection.covariance(solution.covariance)))
+            solution = solve(normal_equations(field, parameter_set.modes))
+            matrices.append(correlation_of(parameter_set.covariance(solution.covariance)))
             frames.append(solution.frame)
-        dipoles.append(compute_dipole(field))
+        dipoles.append(compute_mean_unit_vector(field))
         if frames[i] != frames[0]:
             raise FrameError(f"the catalogues are in {frames[0]} and {frames[i]}: convert them to one frame")
     return CorrelationMatrices(names, matrices, labels, dipoles, frames[0])
 
 
-def compute_dipole(field: Field | Parts) -> FloatArray:
+def compute_mean_unit_vector(field: Field | Parts) -> FloatArray:
     """Compute the weighted mean unit vector of the sources, (3,); it is zero on a uniform sky."""
-    vector, weight = as_parts(field).sum(_sum_directions, roles=(), words="dipole")
+    vector, weight = as_parts(field).sum(_sum_weighted_directions, roles=(), words="dipole")
     return vector / weight
 
 
-def _sum_directions(field):
+def _sum_weighted_directions(field):
     weight = field.information
     return triad(field.lon, field.lat)[2] @ weight, weight.sum()
 
@@ -343,25 +343,25 @@ def influence_map(
 
     field = Field.from_positions(sources, sigma)
     pixels = pixels_of(field.lon, field.lat, nside)
-    return np.bincount(pixels, _compute_derivatives(field, modes, parameters, quantity), 12 * nside**2).astype(float)
+    return np.bincount(pixels, _compute_influences(field, modes, parameters, quantity), 12 * nside**2).astype(float)
 
 
-def _compute_derivatives(field, modes, parameters, quantity):
+def _compute_influences(field, modes, parameters, quantity):
     """Compute the derivative with respect to ln of the weight of each source, (n,)."""
-    covariance, row_i, row_j, selection = _prepare_influence(field, modes, parameters)
-    g = predict_motions(Coefficients(selection.modes, covariance @ row_i), field)
+    covariance, row_i, row_j, parameter_set = _solve_and_select_rows(field, modes, parameters)
+    g = predict_motions(Coefficients(parameter_set.modes, covariance @ row_i), field)
     if quantity == "value":
-        if len(selection) != 1:
+        if len(parameter_set) != 1:
             raise ParameterError('quantity="value" maps the value of one parameter: give one name')
-        residual = solve(normal_equations(field, selection.modes)).residuals(field).motion
+        residual = solve(normal_equations(field, parameter_set.modes)).residuals(field).motion
         return field.inner(g, residual)
     if quantity is not None:
         raise ParameterError(f'quantity is None or "value", not {quantity!r}')
-    h = None if row_j is None else predict_motions(Coefficients(selection.modes, covariance @ row_j), field)
-    return _weight_derivative(covariance, row_i, row_j, g, h, field)
+    h = None if row_j is None else predict_motions(Coefficients(parameter_set.modes, covariance @ row_j), field)
+    return _differentiate_by_weight(covariance, row_i, row_j, g, h, field)
 
 
-def _weight_derivative(covariance, row_i, row_j, g, h, field):
+def _differentiate_by_weight(covariance, row_i, row_j, g, h, field):
     """Compute dρ for two parameters, or d ln σ² for one."""
     c_ii = row_i @ covariance @ row_i
     if row_j is None:
@@ -372,13 +372,13 @@ def _weight_derivative(covariance, row_i, row_j, g, h, field):
     return -field.inner(g, h) / np.sqrt(c_ii * c_jj) + rho / 2 * variance_change
 
 
-def _prepare_influence(field, modes, parameters):
+def _solve_and_select_rows(field, modes, parameters):
     if not isinstance(parameters, (str, tuple, list)) or not all(isinstance(name, str) for name in parameters):
         raise ParameterError(f"parameters must be one or two names, not {parameters!r}")
     names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
     if len(names) not in (1, 2) or len(set(names)) != len(names):
         raise ParameterError(f"parameters must be one name or two different names, not {parameters!r}")
     modes = as_modes(1 if isinstance(modes, str) and modes == FRAME else modes)
-    selection = select_parameters(names, modes)
+    parameter_set = select_parameters(names, modes)
     covariance = solve(normal_equations(field, modes)).covariance
-    return covariance, selection.rows[0], selection.rows[1] if len(names) == 2 else None, selection
+    return covariance, parameter_set.rows[0], parameter_set.rows[1] if len(names) == 2 else None, parameter_set

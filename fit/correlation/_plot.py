@@ -36,12 +36,12 @@ _SOURCES_PER_BEAM = 30
 def plot_matrix(correlations: Any, *, ax: Axes | None = None) -> Axes:
     """The matrix of one catalogue, or of two in its two triangles, with numbers where there is room."""
     (axes,) = panels(ax, size=(WIDTH, 3.8))
-    names = [symbol(name) for name in correlations.names]
-    degrees = [name[:1].upper() + name[2:].split(",")[0] for name in correlations.names]
-    groups = degrees if all("(" in name for name in correlations.names) else None
-    image = draw_matrix(axes, correlations.combined(), names, groups)
+    symbols = [symbol(name) for name in correlations.names]
+    degree_labels = [name[:1].upper() + name[2:].split(",")[0] for name in correlations.names]
+    group_labels = degree_labels if all("(" in name for name in correlations.names) else None
+    image = draw_matrix(axes, correlations.combined(), symbols, group_labels)
     if len(correlations.labels) > 1:
-        axes.plot([-0.5, len(names) - 0.5], [-0.5, len(names) - 0.5], color="k", linewidth=0.6)
+        axes.plot([-0.5, len(symbols) - 0.5], [-0.5, len(symbols) - 0.5], color="k", linewidth=0.6)
         axes.set_title(f"above the diagonal: {correlations.labels[0]}\nbelow: {correlations.labels[1]}")
     else:
         axes.set_title(correlations.labels[0])
@@ -66,13 +66,13 @@ def plot_influence(
     smooth = smooth if find_spec("healpy") else 0.0  # there is none for Windows
     sky_map = smooth_map(values, smooth) if smooth > 0 else np.asarray(values, float)
     axes = sky_axes(field.frame, ax, below=0.45 + 0.14 * title.count("\n"))
-    reach = float(np.percentile(np.abs(sky_map[sky_map != 0]), 99)) if np.any(sky_map) else 1.0
-    power = int(np.floor(np.log10(reach))) if reach < 0.01 else 0
-    reach, sky_map = reach / 10.0**power, sky_map / 10.0**power
-    image = draw_map(axes, sky_map, cmap=DIVERGING, vmin=-reach, vmax=reach)
+    colour_limit = float(np.percentile(np.abs(sky_map[sky_map != 0]), 99)) if np.any(sky_map) else 1.0
+    exponent = int(np.floor(np.log10(colour_limit))) if colour_limit < 0.01 else 0
+    colour_limit, sky_map = colour_limit / 10.0**exponent, sky_map / 10.0**exponent
+    image = draw_map(axes, sky_map, cmap=DIVERGING, vmin=-colour_limit, vmax=colour_limit)
     draw_sources(axes, field.lon, field.lat, max_sources=max_sources, color="0.15", alpha=0.4)
     label += f", smoothed over {smooth:.0f}°" if smooth > 0 else ""
-    colour_bar(axes, image, f"{label}  [$10^{{{power}}}$]" if power else label, extend="both")
+    colour_bar(axes, image, f"{label}  [$10^{{{exponent}}}$]" if exponent else label, extend="both")
     axes.set_title(title)
     return axes
 

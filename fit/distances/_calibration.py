@@ -27,15 +27,15 @@ from fit.distances._density import (
     VariancesByRedshift,
     complete_density,
     count_absolute_magnitudes,
-    count_redshifts,
-    find_completeness_limit,
+    count_redshifts_by_error,
+    find_completeness_limit_and_counts,
     find_median_spread,
     fit_density,
-    fit_luminosity,
+    fit_luminosity_function,
     fit_variances_by_redshift,
     flow_information,
     flow_limits,
-    sum_variances,
+    sum_variances_by_redshift,
 )
 from vsh.field import Field
 from vsh.io.parts import DISTANCES, Parts, as_parts
@@ -124,12 +124,12 @@ class Calibration(InNotebook):
     def log_distance(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """ln d [Mpc] at `x` = ln(1 + z), and the logarithm of the volume for each x, but for a factor."""
         log_x = np.log(x)
-        spline, slope = self._spline
+        spline, slope = self._spline_and_slope
         log_d = spline(log_x) + log_x
         return log_d, 3 * log_d + np.log1p(slope(log_x)) - log_x
 
     @cached_property
-    def _spline(self):
+    def _spline_and_slope(self):
         """ln d − ln x as a function of ln x, x = ln(1 + z), with its slope."""
         log_x = np.linspace(np.log(FLOW_LIMIT / 2), np.log(np.log(40.0)), 400)
         log_ratio = np.log(_extrapolate_distance(np.expm1(np.exp(log_x)), self.cosmology)) - log_x
@@ -167,11 +167,11 @@ def _extrapolate_distance(redshift, cosmology):
 #: A sample that is complete to less than this above its faintest magnitude fades out; beyond, it is an inhomogeneous
 #: list, whose magnitudes make errors too small (1.6 times for OpenNGC, complete to 14.5 of 21). [mag]
 _MAX_FADING = 2.0
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
+_GAUSS_NODES, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(32)
 _REACH = 6.0
-_BLOCK = 1024
+_BLOCK_SIZE = 1024
 #: Cells of a table of cubics, and the last ln(1 + z) in it; knots of one in the redshifts of sources.
-_CELLS, _FARTHEST, _KNOTS = 8192, np.log(40.0), 3000
+_N_CELLS, _LAST_LOG1P_Z, _N_KNOTS = 8192, np.log(40.0), 3000
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,20 +210,20 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
     redshift = calibration.redshift(field)
     mean = 1 / (AU_PER_YEAR * transverse_distance(redshift, calibration.cosmology))
     variance, slope = np.zeros(len(field)), np.zeros(len(field))
-    error = calibration.spread(field, redshift)
-    indices = np.flatnonzero(error > 0)
+    spread = calibration.spread(field, redshift)
+    uncertain_rows = np.flatnonzero(spread > 0)
     magnitude = None if calibration.luminosity is None else np.asarray(field.magnitude)
 
-    if indices.size:
-        x, s = np.log1p(redshift[indices]), error[indices]
-        g = None if magnitude is None else magnitude[indices]
-        moments = _tabulate_moments_by_x(calibration, x, s) if g is None else _cached_moments(calibration)
+    if uncertain_rows.size:
+        x, s = np.log1p(redshift[uncertain_rows]), spread[uncertain_rows]
+        g = None if magnitude is None else magnitude[uncertain_rows]
+        compute_moments = _tabulate_moments_by_x(calibration, x, s) if g is None else _make_cached_moments(calibration)
 
-        def chunk_moments(chunk):
-            return moments(x[chunk], s[chunk], None if g is None else g[chunk])
+        def compute_chunk_moments(chunk):
+            return compute_moments(x[chunk], s[chunk], None if g is None else g[chunk])
 
-        blocks = list(map_blocks(chunk_moments, indices.size, _BLOCK, threads))
-        mean[indices], variance[indices], slope[indices] = np.concatenate(blocks, axis=1)
+        blocks = list(map_blocks(compute_chunk_moments, uncertain_rows.size, _BLOCK_SIZE, threads))
+        mean[uncertain_rows], variance[uncertain_rows], slope[uncertain_rows] = np.concatenate(blocks, axis=1)
     if calibration.exact:
         slope[:] = 0.0
     has_distance = np.zeros(len(field), bool) if field.distance is None else np.isfinite(field.distance)
@@ -249,53 +249,53 @@ def motions_per_velocity(field: Field, calibration: Calibration | None) -> Float
     return rate
 
 
-class _Cubics:
+class _CubicTable:
     """Smooth functions of one variable as cubics on an even grid: a lookup and three products at each place."""
 
     def __init__(self, lower: float, upper: float, function: Callable[[FloatArray], Sequence[FloatArray]]) -> None:
-        grid = np.linspace(lower, upper, _CELLS + 1)
-        self._low, self._per_cell = lower, _CELLS / (upper - lower)
-        powers = CubicSpline(grid, np.array(function(grid)), axis=1).c
-        powers /= self._per_cell ** np.arange(3, -1, -1)[:, None, None]
-        self._powers = np.ascontiguousarray(np.moveaxis(powers, 2, 0))
+        even_grid = np.linspace(lower, upper, _N_CELLS + 1)
+        self._lower, self._per_cell = lower, _N_CELLS / (upper - lower)
+        coefficients = CubicSpline(even_grid, np.array(function(even_grid)), axis=1).c
+        coefficients /= self._per_cell ** np.arange(3, -1, -1)[:, None, None]
+        self._coefficients = np.ascontiguousarray(np.moveaxis(coefficients, 2, 0))
 
     def __call__(self, x: FloatArray) -> list[FloatArray]:
-        position = (x - self._low) * self._per_cell
+        position = (x - self._lower) * self._per_cell
         cell = position.astype(np.int32)
-        np.clip(cell, 0, _CELLS - 1, out=cell)
+        np.clip(cell, 0, _N_CELLS - 1, out=cell)
         position -= cell
-        return [self._evaluate_cubic(powers, cell, position) for powers in self._powers]
+        return [self._evaluate_cubic(coefficients, cell, position) for coefficients in self._coefficients]
 
     @staticmethod
-    def _evaluate_cubic(powers, cell, position):
-        value = powers[0].take(cell)
-        for power in powers[1:]:
+    def _evaluate_cubic(coefficients, cell, position):
+        value = coefficients[0].take(cell)
+        for coefficient in coefficients[1:]:
             value *= position
-            value += power.take(cell)
+            value += coefficient.take(cell)
         return value
 
 
-class _Moments:
+class _RateMoments:
     """Mean, variance and slope of the rate of sources, by quadrature over their true redshifts."""
 
     def __init__(self, calibration: Calibration) -> None:
         self.calibration = calibration
         # Functions of the user's may have steps and ends, which cubics have not.
-        self.curves: Callable[[FloatArray], Sequence[FloatArray]] = self._weight_and_rate
-        self.log_luminosity: Callable[[FloatArray], Sequence[FloatArray]] = self._compute_luminosity_curve
+        self.compute_curves: Callable[[FloatArray], Sequence[FloatArray]] = self._compute_curves
+        self.evaluate_log_luminosity: Callable[[FloatArray], Sequence[FloatArray]] = self._compute_log_luminosity
         if not isinstance(calibration.density.curve, GivenDensity):
-            self.curves = _Cubics(np.log(np.log1p(FLOW_LIMIT)), np.log(_FARTHEST), self._weight_and_rate)
+            self.compute_curves = _CubicTable(np.log(np.log1p(FLOW_LIMIT)), np.log(_LAST_LOG1P_Z), self._compute_curves)
         if calibration.luminosity is not None and isinstance(calibration.luminosity.curve, LogCurve):
-            self.log_luminosity = _Cubics(-60.0, 40.0, self._compute_luminosity_curve)
+            self.evaluate_log_luminosity = _CubicTable(-60.0, 40.0, self._compute_log_luminosity)
 
-    def _weight_and_rate(self, log_x):
+    def _compute_curves(self, log_x):
         """The logarithm of the weight, the rate, and the distance modulus with its (1 + z)."""
         x = np.exp(log_x)
         log_d, log_weight = self.calibration.log_distance(x)
         weight = log_weight + self.calibration.density.log(np.exp(log_d))
         return weight, np.exp(-log_d) / AU_PER_YEAR, 5 / np.log(10) * (log_d + x) + 25
 
-    def _compute_luminosity_curve(self, magnitude):
+    def _compute_log_luminosity(self, magnitude):
         """The logarithm of the luminosity function."""
         assert self.calibration.luminosity is not None
         return (self.calibration.luminosity.log(magnitude),)
@@ -304,38 +304,38 @@ class _Moments:
         """(3, n), for x = ln(1 + z)."""
         lowest = np.log1p(FLOW_LIMIT)
         lower, upper = np.maximum(x - _REACH * error, lowest), np.maximum(x, lowest) + _REACH * error
-        nodes = (upper + lower) / 2 + (upper - lower) / 2 * _NODES[:, None]
+        nodes = (upper + lower) / 2 + (upper - lower) / 2 * _GAUSS_NODES[:, None]
         offset = nodes - x
-        weight, rate, modulus = self.curves(np.log(nodes))
-        weight -= (offset / error) ** 2 / 2
+        log_weight, rate, modulus = self.compute_curves(np.log(nodes))
+        log_weight -= (offset / error) ** 2 / 2
         if magnitude is not None:
-            weight += self.log_luminosity(magnitude - modulus)[0]
-        weight = _compute_probabilities(weight)
-        mean, centre = np.einsum("qn,qn->n", weight, rate), np.einsum("qn,qn->n", weight, offset)
+            log_weight += self.evaluate_log_luminosity(magnitude - modulus)[0]
+        weight = _compute_probabilities(log_weight)
+        mean, mean_offset = np.einsum("qn,qn->n", weight, rate), np.einsum("qn,qn->n", weight, offset)
         rate -= mean
-        offset -= centre
-        share = weight * rate
-        variance, slope = np.einsum("qn,qn->n", share, rate), np.einsum("qn,qn->n", share, offset)
+        offset -= mean_offset
+        weighted_rate = weight * rate
+        variance, slope = np.einsum("qn,qn->n", weighted_rate, rate), np.einsum("qn,qn->n", weighted_rate, offset)
         return np.stack([mean, variance, slope / error**2])
 
 
-_cached_moments = lru_cache(maxsize=8)(_Moments)  # parts, and skies of one study, share a calibration
+_make_cached_moments = lru_cache(maxsize=8)(_RateMoments)  # parts, and skies of one study, share a calibration
 
 
 def _tabulate_moments_by_x(calibration, x, error):
     """Moments without magnitudes: of many sources of one spread they are functions of x alone."""
-    moments = _cached_moments(calibration)
-    if np.ptp(error) > 0 or len(x) < 2 * _KNOTS:
-        return moments
-    knots = np.linspace(np.log(x.min()), np.log(x.max()) + 1e-12, _KNOTS)
-    spline = CubicSpline(knots, moments(np.exp(knots), np.full(_KNOTS, error[0]), None), axis=1)
+    compute_moments = _make_cached_moments(calibration)
+    if np.ptp(error) > 0 or len(x) < 2 * _N_KNOTS:
+        return compute_moments
+    knots = np.linspace(np.log(x.min()), np.log(x.max()) + 1e-12, _N_KNOTS)
+    spline = CubicSpline(knots, compute_moments(np.exp(knots), np.full(_N_KNOTS, error[0]), None), axis=1)
     return lambda x, error, magnitude: spline(np.log(x))
 
 
 def _compute_moments_from_distances(calibration, distance, error, redshift, magnitude):
     """Mean and variance of the rate where the distance itself was measured, (2, n)."""
     lower, upper = np.maximum(distance - _REACH * error, 1e-3 * distance), distance + _REACH * error
-    nodes = (upper + lower) / 2 + (upper - lower) / 2 * _NODES[:, None]
+    nodes = (upper + lower) / 2 + (upper - lower) / 2 * _GAUSS_NODES[:, None]
     log_d = np.log(nodes)
     log_weight = 2 * log_d - ((nodes - distance) / error) ** 2 / 2
     weight = _compute_probabilities(log_weight + _compute_log_prior(calibration, log_d, np.log1p(redshift), magnitude))
@@ -355,7 +355,7 @@ def _compute_log_prior(calibration, log_d, x, magnitude):
 def _compute_probabilities(log_weight):
     log_weight -= log_weight.max(0)
     weight = np.exp(log_weight, out=log_weight)
-    weight *= _WEIGHTS[:, None]
+    weight *= _GAUSS_WEIGHTS[:, None]
     weight /= weight.sum(0)
     return weight
 
@@ -405,9 +405,9 @@ def calibrate(
     cosmology = FLAT_PLANCK13 if cosmology is None else cosmology
     sky = as_parts(field)
     bare = make_bare_calibration(field, redshift_frame, dispersion, cosmology)
-    sums = sky.sum(partial(_sum_for_calibration, calibration=bare), roles=DISTANCES, words="redshifts")
-    limits = float(min(sums["lowest"])), float(max(sums["highest"]))
-    bare = replace(bare, limits=limits, flow_limits=flow_limits(sums["flow"]))
+    sums = sky.sum(partial(_sum_calibration_statistics, calibration=bare), roles=DISTANCES, words="redshifts")
+    redshift_limits = float(min(sums["lowest"])), float(max(sums["highest"]))
+    bare = replace(bare, limits=redshift_limits, flow_limits=flow_limits(sums["flow"]))
     if not sums["counts"][:, 0].any():
         return bare
     typical = find_median_spread(sums["counts"])
@@ -423,10 +423,10 @@ def calibrate(
         raise ParameterError(f"magnitudes are asked for, and {n - n_magnitudes} of {n} sources have none")
     use = n_magnitudes == n if magnitudes is None else bool(magnitudes)
     notes = _describe_uncertain_redshifts(sums["counts"], typical)
-    has_luminosity = luminosity is not None
+    is_luminosity_given = luminosity is not None
     histogram, faintest = _select_far_counts(sums["bright"], typical, cosmology), max(sums["faintest"], default=np.nan)
-    if use and not has_luminosity:
-        limit, complete_counts = find_completeness_limit(histogram, faintest)
+    if use and not is_luminosity_given:
+        limit, complete_counts = find_completeness_limit_and_counts(histogram, faintest)
         if magnitudes is None and not limit >= faintest - _MAX_FADING:
             use = False
             reach = "none of them" if np.isnan(limit) else f"magnitude {limit:.2f}, not to its faintest, {faintest:.2f}"
@@ -451,13 +451,13 @@ def calibrate(
         if luminosity is not None:
             luminosity_function = LuminosityFunction(luminosity, "luminosity function as given")
         else:
-            luminosity_function = fit_luminosity(histogram, faintest)
+            luminosity_function = fit_luminosity_function(histogram, faintest)
             notes.append(
                 "magnitudes constrain distances by a luminosity function fitted to the catalogue, which must be "
                 "complete to its faintest magnitude; otherwise use magnitudes=False (--columns magnitude=)"
             )
         bare = replace(bare, luminosity=luminosity_function)
-    elif has_luminosity:
+    elif is_luminosity_given:
         raise ParameterError("a luminosity function needs magnitudes, which are not used")
     else:
         bare = replace(bare, errors=fit_variances_by_redshift(sums["variances"]))
@@ -466,7 +466,7 @@ def calibrate(
             "mean weight of their redshift"
         )
         notes += _describe_large_errors(sums["sizes"])
-    return replace(bare, density=_make_density(density, faintest if use else None, sums, bare), notes=tuple(notes))
+    return replace(bare, density=_choose_density(density, faintest if use else None, sums, bare), notes=tuple(notes))
 
 
 def make_bare_calibration(
@@ -478,39 +478,39 @@ def make_bare_calibration(
 
 
 #: Redshifts of so many times the typical error are another kind, and so many of them bear on the errors of a velocity.
-_UNSURE, _UNCERTAIN_SHARE = 2.0, 0.02
+_UNCERTAIN_RATIO, _UNCERTAIN_SHARE = 2.0, 0.02
 
 
-def _describe_uncertain_redshifts(counts, typical):
+def _describe_uncertain_redshifts(counts, typical_spread):
     """A note where some redshifts are much less certain than most, as photometric ones among spectroscopic ones."""
-    totals = counts[:, 1:].sum(axis=1)
-    error = np.sqrt(counts[:, 0] / np.maximum(totals, 1.0))
-    n_uncertain = int(totals[error > _UNSURE * typical].sum())
-    if n_uncertain < _UNCERTAIN_SHARE * totals.sum():
+    class_counts = counts[:, 1:].sum(axis=1)
+    class_errors = np.sqrt(counts[:, 0] / np.maximum(class_counts, 1.0))
+    n_uncertain = int(class_counts[class_errors > _UNCERTAIN_RATIO * typical_spread].sum())
+    if n_uncertain < _UNCERTAIN_SHARE * class_counts.sum():
         return []
     return [
-        f"{n_uncertain} of {int(totals.sum())} redshifts have errors more than {_UNSURE:g} times the typical one, as "
-        "photometric ones have: with galaxies as near as z = 0.002 the errors of a velocity are then up to 15 % too "
-        "small (docs/validation.md). Leave those sources out where that matters (--where, field[mask])"
+        f"{n_uncertain} of {int(class_counts.sum())} redshifts have errors more than {_UNCERTAIN_RATIO:g} times the "
+        "typical one, as photometric ones have: with galaxies as near as z = 0.002 the errors of a velocity are then "
+        "up to 15 % too small (docs/validation.md). Leave those sources out where that matters (--where, field[mask])"
     ]
 
 
 #: Edges of ln₁₀ of variances [(µas/yr)²], and the part of the sources below which half of all variance is of too few.
-_EDGES, _FEW_SHARE = np.linspace(-8, 18, 261), 0.02
+_LOG_VARIANCE_EDGES, _FEW_SHARE = np.linspace(-8, 18, 261), 0.02
 
 
 def _describe_large_errors(counts):
     """A note where few sources have half of the variance, by whose mean sources of one redshift are weighted."""
-    variances = counts * 10 ** _EDGES[1:]
-    above = np.cumsum(variances[::-1])[::-1]
-    cell = int(np.flatnonzero(above >= above[0] / 2)[-1])
+    variances = counts * 10 ** _LOG_VARIANCE_EDGES[1:]
+    variance_above = np.cumsum(variances[::-1])[::-1]
+    cell = int(np.flatnonzero(variance_above >= variance_above[0] / 2)[-1])
     n_above = int(counts[cell:].sum())
     if n_above >= _FEW_SHARE * counts.sum():
         return []
     return [
-        f"warning: {n_above} of {counts.sum()} sources, with errors above {10 ** (_EDGES[cell] / 2):.2g} µas/yr, have "
-        "half of the variance, by whose mean all sources of one redshift are weighted: leave them out (--where, "
-        "field[mask])"
+        f"warning: {n_above} of {counts.sum()} sources, with errors above {10 ** (_LOG_VARIANCE_EDGES[cell] / 2):.2g} "
+        "µas/yr, have half of the variance, by whose mean all sources of one redshift are weighted: leave them out "
+        "(--where, field[mask])"
     ]
 
 
@@ -524,18 +524,18 @@ def calibrate_if_known(
         return None
     usable_sources = sky.map(partial(with_redshift, redshift_frame=frame))
     try:
-        n_magnitudes, n = usable_sources.sum(_count_magnitudes, roles=DISTANCES, words="magnitudes")
+        n_magnitudes, n_sources = usable_sources.sum(_count_magnitudes_and_sources, roles=DISTANCES, words="magnitudes")
     except EmptyFieldError:  # no source is beyond the flow
         return None
     dispersion = WHOLE_DISPERSION if dispersion is None else dispersion
-    return calibrate(usable_sources, frame, dispersion, magnitudes=None if n_magnitudes == n else False)
+    return calibrate(usable_sources, frame, dispersion, magnitudes=None if n_magnitudes == n_sources else False)
 
 
-def _count_magnitudes(field):
+def _count_magnitudes_and_sources(field):
     return np.array([0 if field.magnitude is None else np.isfinite(field.magnitude).sum(), len(field)])
 
 
-def _make_density(density, limit, sums, calibration):
+def _choose_density(density, magnitude_limit, sums, calibration):
     if callable(density):
         return SourceDensity(GivenDensity(density), "as given")
     if density == "volume":
@@ -545,10 +545,10 @@ def _make_density(density, limit, sums, calibration):
     # A catalogue that was cut in redshifts as observed lacks, next to its limits, sources of some directions.
     lower, upper, shift = min(sums["lowest seen"]), max(sums["highest seen"]), max(sums["shift"])
     inner_limits = (float(np.expm1(np.log1p(lower) + shift)), float(np.expm1(np.log1p(upper) - shift)))
-    fitted = fit_density(sums["counts"], calibration.log_distance, calibration.limits, inner_limits)
-    if limit is None:
-        return fitted
-    return complete_density(fitted, calibration.luminosity, limit, calibration.log_distance)
+    fitted_density = fit_density(sums["counts"], calibration.log_distance, calibration.limits, inner_limits)
+    if magnitude_limit is None:
+        return fitted_density
+    return complete_density(fitted_density, calibration.luminosity, magnitude_limit, calibration.log_distance)
 
 
 def declared_frame(field: Field | Parts) -> str | None:
@@ -559,10 +559,10 @@ def declared_frame(field: Field | Parts) -> str | None:
     return frame
 
 
-def _sum_for_calibration(field, calibration):
+def _sum_calibration_statistics(field, calibration):
     """Sums over some sources for the calibration of all."""
     z = calibration.redshift(field)
-    error = calibration.spread(field, z)
+    spread = calibration.spread(field, z)
     modulus = distance_modulus(transverse_distance(z, calibration.cosmology), z)
     has_magnitude = np.zeros(len(field), bool) if field.magnitude is None else np.isfinite(field.magnitude)
     magnitudes = field.magnitude[has_magnitude] if has_magnitude.any() else np.empty(0)
@@ -573,22 +573,22 @@ def _sum_for_calibration(field, calibration):
         "lowest seen": [field.redshift.min()],
         "highest seen": [field.redshift.max()],
         "shift": [np.abs(np.log1p(z) - np.log1p(field.redshift)).max()],
-        "lost": int(np.sum(error > np.log1p(z))),
+        "lost": int(np.sum(spread > np.log1p(z))),
         "magnitudes": int(has_magnitude.sum()),
         "faintest": [magnitudes.max()] if has_magnitude.any() else [],
         "bright": count_absolute_magnitudes(magnitudes, modulus[has_magnitude]),
-        "counts": count_redshifts(z, error),
+        "counts": count_redshifts_by_error(z, spread),
         "flow": flow_information(z, field.information),
-        "variances": sum_variances(z, field.sigma),
-        "sizes": np.histogram(np.log10(np.mean(field.sigma**2, 0)), _EDGES)[0],
+        "variances": sum_variances_by_redshift(z, field.sigma),
+        "sizes": np.histogram(np.log10(np.mean(field.sigma**2, 0)), _LOG_VARIANCE_EDGES)[0],
     }
 
 
 def _count_bright_redshifts(field, calibration, limit):
-    """Counts by redshift and error, as of `redshift_counts`, of the sources that are as bright as a limit."""
+    """Counts by redshift and error, as of `count_redshifts_by_error`, of the sources that are as bright as a limit."""
     z = calibration.redshift(field)
     is_bright = field.magnitude <= limit
-    return count_redshifts(z[is_bright], calibration.spread(field, z)[is_bright])
+    return count_redshifts_by_error(z[is_bright], calibration.spread(field, z)[is_bright])
 
 
 def _check_redshift_errors(calibration, sums, dispersion):
@@ -600,9 +600,9 @@ def _check_redshift_errors(calibration, sums, dispersion):
         )
 
 
-def _select_far_counts(counts, error, cosmology):
+def _select_far_counts(counts, spread, cosmology):
     """Counts of sources whose absolute magnitudes are not blurred by the errors of redshifts, where they are enough."""
-    z = 10 * error
+    z = 10 * spread
     modulus = distance_modulus(transverse_distance(np.array([max(z, FLOW_LIMIT)]), cosmology)[0], z)
     far_counts = counts * (modulus <= MODULI)
     return far_counts if far_counts.sum() >= max(1000, 0.2 * counts.sum()) else counts

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fit.background import ClassComparison, compare_classes_jointly
-from fit.frames.compare import CLASSES, FEWEST, count_same
+from fit.frames.compare import CLASSES, FEWEST, count_same_values
 from fit.frames.results import FrameResult
 from fit.normal import normal_equations
 from fit.results.quality import MANY, ErrorSource
@@ -46,7 +46,7 @@ _LARGEST_CORRELATION = 0.995
 #: smaller than those quoted.
 _FEWEST_OF_PAIR, _FEWEST_DOF = 10, 30
 #: Rounds of common noise and of outliers; what is left out has a chance of less than this in all the catalogue.
-_ROUNDS, _CHANCE = 12, 0.5
+_MAX_ROUNDS, _OUTLIER_CHANCE = 12, 0.5
 #: What catalogues share over the sky is looked for to this degree.
 _FLOOR_MODES = Modes(5)
 #: Sources whose harmonics are at hand together.
@@ -145,7 +145,7 @@ class FrameNetwork(FrameResult):
         ParameterError
             If they are not.
         """
-        signs = self._make_signs(catalogue, other)
+        signs = self._make_difference_signs(catalogue, other)
         p = len(self.modes)
         covariance = np.einsum("i,iajb,j->ab", signs[1:], self.covariance.reshape(len(signs) - 1, p, -1, p), signs[1:])
         n_common = self.common[self._index_of(catalogue), self._index_of(self.labels[0] if other is None else other)]
@@ -184,11 +184,11 @@ class FrameNetwork(FrameResult):
         are scaled in classes.
         """
         solution = self.difference(catalogue, other)
-        at = np.flatnonzero(self.modes.degrees > beyond)
-        if not at.size:
+        high = np.flatnonzero(self.modes.degrees > beyond)
+        if not high.size:
             return float("nan")
-        chi2 = solution.values[at] @ np.linalg.solve(solution.covariance[np.ix_(at, at)], solution.values[at])
-        return float(chdtrc(at.size, chi2))
+        chi2 = solution.values[high] @ np.linalg.solve(solution.covariance[np.ix_(high, high)], solution.values[high])
+        return float(chdtrc(high.size, chi2))
 
     def frames(self, catalogue: str, other: str | None = None) -> Solution:
         """Rotation and glide of one catalogue less another's with systematic errors.
@@ -205,21 +205,21 @@ class FrameNetwork(FrameResult):
         """
         if self.shared is None:
             raise ParameterError("systematic errors were not estimated: combine_frames(…, floor=True)")
-        return self.shared.combination(self._make_signs(catalogue, other)[1:])
+        return self.shared.combination(self._make_difference_signs(catalogue, other)[1:])
 
     def _sections(self, long):
         reference, *catalogues = self.labels
         counts = ", ".join(f"{name} {int(n)}" for name, n in zip(self.labels, np.diag(self.common), strict=True))
-        scaled = "; errors are scaled by the residuals, in classes of sources with similar formal errors"
+        scaling_phrase = "; errors are scaled by the residuals, in classes of sources with similar formal errors"
         facts = [("sources", counts)]
         for (i, first), (j, second) in combinations(enumerate(self.labels), 2):
             if self.common[i, j]:
                 text = f"{int(self.common[i, j])} sources in common, {100 * self.correlation[i, j]:.0f} % of the noise"
                 facts.append((f"{first} and {second}", text))
-        facts.append(("residuals", f"{self.factor:.3g} times the errors with the common noise{scaled}"))
+        facts.append(("residuals", f"{self.factor:.3g} times the errors with the common noise{scaling_phrase}"))
         columns: dict[str, Any] = {}
         for name in catalogues:
-            terms = self._list_terms(reference, name)
+            terms = self._compute_terms(reference, name)
             term_names = [term for term in terms if long or term[0] in "RD"]
             columns.setdefault("ICRF3 term", term_names)
             columns[f"{reference} − {name}"] = [terms[term][0] for term in term_names]
@@ -237,7 +237,7 @@ class FrameNetwork(FrameResult):
         remarks.append(f"Errors are from {self.errors_in_words}. Quote these: two catalogues alone know less.")
         return (Section(title, facts, table, remarks=remarks, notes=notes),)
 
-    def _list_terms(self, catalogue, other):
+    def _compute_terms(self, catalogue, other):
         """List ICRF3's terms of one catalogue less another, in degree 1 with systematic errors if sought."""
         solutions = [self.difference(catalogue, other)]
         solutions += [] if self.shared is None else [self.frames(catalogue, other)]
@@ -246,12 +246,12 @@ class FrameNetwork(FrameResult):
 
     def to_table(self) -> Table:
         """A row for each two catalogues and coefficient as an astropy Table; degree 1 with its floor where sought."""
-        pairs = [(late, early) for early, late in combinations(self.labels, 2)]
+        pairs = [(later, earlier) for earlier, later in combinations(self.labels, 2)]
         solutions = [self.difference(*pair) for pair in pairs]
         p = len(self.modes)
         columns: dict[str, Any] = {
-            "catalogue": np.repeat([late for late, _ in pairs], p).tolist(),
-            "less": np.repeat([early for _, early in pairs], p).tolist(),
+            "catalogue": np.repeat([later for later, _ in pairs], p).tolist(),
+            "less": np.repeat([earlier for _, earlier in pairs], p).tolist(),
             "coefficient": [str(mode) for mode in self.modes] * len(pairs),
             "value": np.concatenate([solution.values for solution in solutions]),
             "sigma": np.concatenate([solution.sigma for solution in solutions]),
@@ -271,13 +271,13 @@ class FrameNetwork(FrameResult):
         """
         from fit.results.output import plot_terms
 
-        terms = {f"{name} − {self.labels[0]}": self._list_terms(name, self.labels[0]) for name in self.labels[1:]}
+        terms = {f"{name} − {self.labels[0]}": self._compute_terms(name, self.labels[0]) for name in self.labels[1:]}
         axes = plot_terms(terms, self.unit, ax=ax)
         if self.shared is not None:
             axes.set_xlabel("R and D with systematic errors")
         return axes
 
-    def _make_signs(self, catalogue, other):
+    def _make_difference_signs(self, catalogue, other):
         """Make the signs of a difference: 1 for a catalogue and −1 for the other, the reference unless given, (K,)."""
         signs = np.zeros(len(self.labels))
         signs[self._index_of(catalogue)] += 1
@@ -361,35 +361,35 @@ def combine_frames(
             "catalogues are in different frames "
             f"({', '.join(sorted({catalogue.frame for catalogue in catalogue_list}))}): use to_frame"
         )
-    joined = [label for label, each in catalogues.items() if getattr(each, "covariance", None) is not None]
-    if joined:
+    refused = [label for label, each in catalogues.items() if getattr(each, "covariance", None) is not None]
+    if refused:
         raise ParameterError(
-            f"{', '.join(joined)}: a joint solution does not use a covariance between sources: compare two catalogues"
+            f"{', '.join(refused)}: a joint solution does not use a covariance between sources: compare two catalogues"
         )
     sources = _CommonSources(labels, catalogue_list)
     has_floor = sources.n >= MANY if floor is None else floor
     # What is shared over the sky is neither noise nor an outlier.
     noise_modes = _FLOOR_MODES if has_floor and modes.lmax < _FLOOR_MODES.lmax else modes
-    noise, selection = _make_independent_noise(sources, len(noise_modes)), np.ones(sources.n, bool)
-    for _ in range(_ROUNDS):
-        previous = noise, selection
-        values, _, chi2s, factors, *_ = _solve(sources, noise_modes, noise, selection, labels)
+    noise, kept = _make_independent_noise(sources, len(noise_modes)), np.ones(sources.n, bool)
+    for _ in range(_MAX_ROUNDS):
+        previous = noise, kept
+        values, _, chi2s, factors, *_ = _fit_frames(sources, noise_modes, noise, kept, labels)
         noise = replace(noise, factors=factors)
         if shared_noise:
-            noise = _estimate_common_noise(sources, noise_modes, values, selection, noise)
+            noise = _estimate_common_noise(sources, noise_modes, values, kept, noise)
         if clip:
             scale = np.maximum(1.0, factors)[noise.classes]
-            selection = chdtrc(np.maximum(sources.n_contrasts, 1), chi2s / scale) > _CHANCE / max(sources.n, 1)
-        if noise.is_near(previous[0]) and (previous[1] == selection).all():
+            kept = chdtrc(np.maximum(sources.n_contrasts, 1), chi2s / scale) > _OUTLIER_CHANCE / max(sources.n, 1)
+        if noise.is_near(previous[0]) and (previous[1] == kept).all():
             break
-    shared_errors = _estimate_shared_errors(sources, noise, selection, labels, rng) if has_floor else None
-    *_, factors, _, _ = _solve(sources, modes, noise, selection, labels)
+    shared_errors = _estimate_shared_errors(sources, noise, kept, labels, rng) if has_floor else None
+    *_, factors, _, _ = _fit_frames(sources, modes, noise, kept, labels)
     copies = _note_copies(sources, labels)
     factors = np.maximum(factors, 1.0) if copies else factors  # what stands twice makes residuals small, and no error
-    values, covariance, chi2s, _, chi2, dof = _solve(sources, modes, replace(noise, factors=factors), selection, labels)
+    values, covariance, chi2s, _, chi2, dof = _fit_frames(sources, modes, replace(noise, factors=factors), kept, labels)
     factor = float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan")
-    order = np.flatnonzero(~selection)[np.argsort(-chi2s[~selection], kind="stable")]
-    membership = sources.seen[:, selection].astype(int)
+    outlier_rows = np.flatnonzero(~kept)[np.argsort(-chi2s[~kept], kind="stable")]
+    membership = sources.is_seen[:, kept].astype(int)
     return FrameNetwork(
         labels=labels,
         modes=modes,
@@ -400,8 +400,8 @@ def combine_frames(
         chi2=float(chi2),
         n_data=int(dof + values.size),
         factor=factor,
-        names=tuple(str(sources.names[i]) for i in order),
-        distances=np.sqrt(np.maximum(chi2s[order], 0.0)),  # rounding, where catalogues share nearly all
+        names=tuple(str(sources.names[i]) for i in outlier_rows),
+        distances=np.sqrt(np.maximum(chi2s[outlier_rows], 0.0)),  # rounding, where catalogues share nearly all
         frame=sources.frame,
         unit=sources.unit,
         notes=merge_notes(sources.notes, copies),
@@ -413,19 +413,19 @@ def _note_copies(sources, labels):
     """Note each pair of catalogues with the same values: one of them is no measurement of its own."""
     notes = []
     for (i, a), (j, b) in combinations(enumerate(labels), 2):
-        at = np.flatnonzero(sources.seen[i] & sources.seen[j])
-        if len(at) and (same := count_same(_make_difference_field(sources, i, j, at, 0.0))) > len(at) / 2:
-            text = f"warning: {same} of {len(at)} sources have the same values in {a} and {b}: leave one of them out"
+        rows = np.flatnonzero(sources.is_seen[i] & sources.is_seen[j])
+        if len(rows) and (same := count_same_values(_make_difference_field(sources, i, j, rows, 0.0))) > len(rows) / 2:
+            text = f"warning: {same} of {len(rows)} sources have the same values in {a} and {b}: leave one of them out"
             notes.append(CodedNote(text, DOUBT))
     return tuple(notes)
 
 
 def _estimate_shared_errors(sources, noise, selection, labels, rng):
     """Rotation and glide with systematic errors; errors by the scatter about a fit to degree 5, in classes of error."""
-    normal = _sum_normal_equations(sources, _FLOOR_MODES, noise, selection)
-    factors = _solve(sources, _FLOOR_MODES, noise, selection, labels, normal)[3]
+    normal = _sum_equations(sources, _FLOOR_MODES, noise, selection)
+    factors = _fit_frames(sources, _FLOOR_MODES, noise, selection, labels, normal)[3]
     matrix, rhs = (np.tensordot(1 / factors, sums, 1) for sums in normal[:2])
-    is_common = sources.seen[1:, selection] & sources.seen[0, selection]
+    is_common = sources.is_seen[1:, selection] & sources.is_seen[0, selection]
     return compare_classes_jointly(
         matrix[1:, :, 1:],
         rhs[1:],
@@ -449,51 +449,51 @@ class _CommonSources:
             if catalogue.name is None:
                 raise FieldError(f"{label} has no names to match its sources by")
             if len(np.unique(catalogue.name)) < len(catalogue):
-                count = len(catalogue) - len(np.unique(catalogue.name))
-                raise FieldError(f"{count} names stand twice in {label}: match by position (--match ARCSEC)")
+                n_repeated = len(catalogue) - len(np.unique(catalogue.name))
+                raise FieldError(f"{n_repeated} names stand twice in {label}: match by position (--match ARCSEC)")
         if is_position:
             catalogues = [catalogue.at_epoch(reference.epoch) for catalogue in catalogues]
-        names, counts = np.unique(
+        all_names, counts = np.unique(
             np.concatenate([np.asarray(catalogue.name, str) for catalogue in catalogues]), return_counts=True
         )
-        self.names = names[counts > 1]
+        self.names = all_names[counts > 1]
         self.n, k = len(self.names), len(catalogues)
-        self.seen = np.zeros((k, self.n), bool)
+        self.is_seen = np.zeros((k, self.n), bool)
         self.lon, self.lat = np.full((2, self.n), np.nan)
-        self.x, self.root = np.zeros((k, 2, self.n)), np.zeros((k, self.n, 2, 2))
+        self.places, self.roots = np.zeros((k, 2, self.n)), np.zeros((k, self.n, 2, 2))
         for i, catalogue in enumerate(catalogues):
             source_names = np.asarray(catalogue.name, str)
-            at = np.minimum(np.searchsorted(self.names, source_names), max(self.n - 1, 0))
-            rows = np.flatnonzero(self.names[at] == source_names) if self.n else np.zeros(0, int)
-            at = at[rows]
-            self.seen[i, at] = True
-            is_new = np.isnan(self.lon[at])
-            self.lon[at[is_new]], self.lat[at[is_new]] = (catalogue.lon[rows[is_new]], catalogue.lat[rows[is_new]])
+            slots = np.minimum(np.searchsorted(self.names, source_names), max(self.n - 1, 0))
+            rows = np.flatnonzero(self.names[slots] == source_names) if self.n else np.zeros(0, int)
+            slots = slots[rows]
+            self.is_seen[i, slots] = True
+            is_new = np.isnan(self.lon[slots])
+            self.lon[slots[is_new]], self.lat[slots[is_new]] = catalogue.lon[rows[is_new]], catalogue.lat[rows[is_new]]
             if is_position:
-                p, q, r = triad(self.lon[at], self.lat[at])
+                p, q, r = triad(self.lon[slots], self.lat[slots])
                 offset = triad(catalogue.lon[rows], catalogue.lat[rows])[2] - r
-                self.x[i][:, at] = np.stack([np.sum(offset * p, 0), np.sum(offset * q, 0)]) / UAS
+                self.places[i][:, slots] = np.stack([np.sum(offset * p, 0), np.sum(offset * q, 0)]) / UAS
             else:
-                self.x[i][:, at] = catalogue.motion[:, rows]
-            self.root[i, at] = _compute_covariance_roots(catalogue.sigma[:, rows], catalogue.rho[rows])
-        self.n_contrasts = 2 * (self.seen.sum(0) - 1)
+                self.places[i][:, slots] = catalogue.motion[:, rows]
+            self.roots[i, slots] = _compute_covariance_roots(catalogue.sigma[:, rows], catalogue.rho[rows])
+        self.n_contrasts = 2 * (self.is_seen.sum(0) - 1)
         single_counts = [
             f"{label} {int(len(catalogue) - membership.sum())}"
-            for label, catalogue, membership in zip(labels, catalogues, self.seen, strict=True)
+            for label, catalogue, membership in zip(labels, catalogues, self.is_seen, strict=True)
         ]
         self.notes = (f"in one catalogue only, and not used: {', '.join(single_counts)}",)
 
     def compute_residuals(self, values, modes):
         """Compute what the frames leave of the places, (k, 2, n)."""
         fields = [Coefficients(modes, coefficients).at(self.lon, self.lat) for coefficients in values]
-        return self.x - np.stack([np.zeros((2, self.n)), *fields])
+        return self.places - np.stack([np.zeros((2, self.n)), *fields])
 
-    def iterate_groups(self, classes):
+    def iterate_source_groups(self, classes):
         """Iterate over sources of one class in the same catalogues: the catalogues, the class, and the sources."""
-        codes = (2 ** np.arange(len(self.seen))) @ self.seen
+        codes = (2 ** np.arange(len(self.is_seen))) @ self.is_seen
         for code, class_number in sorted({*zip(codes.tolist(), classes.tolist(), strict=True)}):
             rows = np.flatnonzero((codes == code) & (classes == class_number))
-            yield np.flatnonzero(self.seen[:, rows[0]]), class_number, rows
+            yield np.flatnonzero(self.is_seen[:, rows[0]]), class_number, rows
 
 
 @dataclass(frozen=True)
@@ -508,37 +508,37 @@ class _Noise:
     def is_near(self, other):
         """Return whether another is the same but for what changes nothing."""
         pairs = ((self.correlation, other.correlation), (np.sqrt(self.factors), np.sqrt(other.factors)))
-        return all(np.allclose(mine, other_array, atol=1e-4) for mine, other_array in pairs)
+        return all(np.allclose(own_array, other_array, atol=1e-4) for own_array, other_array in pairs)
 
 
 def _make_independent_noise(sources, n_modes):
     """Make noise that no catalogues share, in classes of quoted error: the faint may be found to share it alone."""
     n_classes = max(1, min(CLASSES, sources.n // max(FEWEST, 2 * n_modes)))
-    mean_variance = np.einsum("kiab,kiab->i", sources.root, sources.root) / sources.seen.sum(0)
+    mean_variance = np.einsum("kiab,kiab->i", sources.roots, sources.roots) / sources.is_seen.sum(0)
     classes = np.empty(sources.n, int)
     for number, members in enumerate(np.array_split(np.argsort(mean_variance, kind="stable"), n_classes)):
         classes[members] = number
-    independent = np.eye(len(sources.seen))
-    return _Noise(classes, np.tile(independent, (n_classes, 1, 1)), np.ones(n_classes), independent)
+    identity = np.eye(len(sources.is_seen))
+    return _Noise(classes, np.tile(identity, (n_classes, 1, 1)), np.ones(n_classes), identity)
 
 
 def _compute_covariance_roots(sigma, rho):
     """Compute the symmetric roots of covariances, (n, 2, 2)."""
-    a, b, c = sigma[0] ** 2, sigma[1] ** 2, rho * sigma[0] * sigma[1]
-    s = np.sqrt(np.maximum(a * b - c**2, 0.0))
-    t = np.sqrt(a + b + 2 * s)
-    return np.moveaxis(np.array([[a + s, c], [c, b + s]]) / t, -1, 0)
+    east, north, cross = sigma[0] ** 2, sigma[1] ** 2, rho * sigma[0] * sigma[1]
+    s = np.sqrt(np.maximum(east * north - cross**2, 0.0))
+    t = np.sqrt(east + north + 2 * s)
+    return np.moveaxis(np.array([[east + s, cross], [cross, north + s]]) / t, -1, 0)
 
 
-def _sum_normal_equations(sources, modes, noise, selection):
+def _sum_equations(sources, modes, noise, selection):
     """Sum normal equations of catalogues by class, (C, K, p, K, p) and (C, K, p), with the weights of differences."""
-    k, p = len(sources.seen), len(modes)
+    k, p = len(sources.is_seen), len(modes)
     matrix, rhs = (np.zeros((len(noise.factors), *shape)) for shape in ((k, p, k, p), (k, p)))
     group_weights = []
-    for seen_by, class_number, rows in sources.iterate_groups(noise.classes):
+    for seen_by, class_number, rows in sources.iterate_source_groups(noise.classes):
         correlation = noise.correlation[class_number]
-        w = _compute_weights(sources.root[seen_by][:, rows], correlation[np.ix_(seen_by, seen_by)])
-        group_weights.append((seen_by, rows, w))
+        weights = _weigh_differences(sources.roots[seen_by][:, rows], correlation[np.ix_(seen_by, seen_by)])
+        group_weights.append((seen_by, rows, weights))
         if len(seen_by) == 2:  # their difference is all that counts: the sums of a field, whatever its size
             (i, j), kept = seen_by, rows[selection[rows]]
             if len(kept):
@@ -550,23 +550,23 @@ def _sum_normal_equations(sources, modes, noise, selection):
             continue
         for start in range(0, len(rows), _CHUNK_SIZE):
             chunk = slice(start, start + _CHUNK_SIZE)
-            kept, chunk_weights = rows[chunk][selection[rows[chunk]]], w[chunk][selection[rows[chunk]]]
-            a, x = (harmonics(sources.lon[kept], sources.lat[kept], modes), sources.x[seen_by][:, :, kept])
+            kept, chunk_weights = rows[chunk][selection[rows[chunk]]], weights[chunk][selection[rows[chunk]]]
+            basis, places = harmonics(sources.lon[kept], sources.lat[kept], modes), sources.places[seen_by][:, :, kept]
             for i, row in enumerate(seen_by):
                 for j, column in enumerate(seen_by):
-                    product = np.einsum("pam,mab->pbm", a, chunk_weights[:, i, :, j])
-                    matrix[class_number, row, :, column] += product.reshape(p, -1) @ a.reshape(p, -1).T
-                    rhs[class_number, row] += product.reshape(p, -1) @ x[j].ravel()
+                    product = np.einsum("pam,mab->pbm", basis, chunk_weights[:, i, :, j])
+                    matrix[class_number, row, :, column] += product.reshape(p, -1) @ basis.reshape(p, -1).T
+                    rhs[class_number, row] += product.reshape(p, -1) @ places[j].ravel()
     return matrix, rhs, group_weights
 
 
-def _solve(sources, modes, noise, selection, labels, normal=None):
+def _fit_frames(sources, modes, noise, selection, labels, equations=None):
     """Fit coefficients, their covariance, χ² of each source, χ²/dof of each class, all χ², and its degrees of freedom.
 
     The errors of each class are multiplied by the root of its factor; `normal` are equations that are at hand.
     """
     k, p = len(labels), len(modes)
-    matrix, rhs, group_weights = normal or _sum_normal_equations(sources, modes, noise, selection)
+    matrix, rhs, group_weights = equations or _sum_equations(sources, modes, noise, selection)
     class_matrices = matrix[:, 1:, :, 1:].reshape(len(matrix), (k - 1) * p, -1) / noise.factors[:, None, None]
     total_matrix = class_matrices.sum(0)
     scale = np.sqrt(np.diag(total_matrix))
@@ -593,21 +593,21 @@ def _solve(sources, modes, noise, selection, labels, normal=None):
 
 def _make_difference_field(sources, i, j, rows, rho):
     """Make a field of the differences of two catalogues, with their common noise."""
-    total, cross = _sum_covariances(sources, i, j, rows)
+    total, cross = _sum_pair_covariances(sources, i, j, rows)
     covariance = total - rho * cross
     sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
-    difference = sources.x[i][:, rows] - sources.x[j][:, rows]
+    difference = sources.places[i][:, rows] - sources.places[j][:, rows]
     return Field(sources.lon[rows], sources.lat[rows], difference, sigma, covariance[:, 0, 1] / (sigma[0] * sigma[1]))
 
 
-def _sum_covariances(sources, i, j, rows):
+def _sum_pair_covariances(sources, i, j, rows):
     """Sum the covariances of two catalogues, and find what noise that both share takes from it: (n, 2, 2) each."""
-    a, b = sources.root[i, rows], sources.root[j, rows]
-    cross = a @ np.swapaxes(b, 1, 2)
-    return a @ a + b @ b, cross + np.swapaxes(cross, 1, 2)
+    root_i, root_j = sources.roots[i, rows], sources.roots[j, rows]
+    cross = root_i @ np.swapaxes(root_j, 1, 2)
+    return root_i @ root_i + root_j @ root_j, cross + np.swapaxes(cross, 1, 2)
 
 
-def _compute_weights(root, correlation):
+def _weigh_differences(root, correlation):
     """Compute inverse covariances of what catalogues see of each source, its true place eliminated: (m, h, 2, h, 2)."""
     h, m = root.shape[:2]
     covariance = np.einsum("ij,imab,jmcb->miajc", correlation, root, root)
@@ -619,31 +619,31 @@ def _compute_weights(root, correlation):
 def _estimate_common_noise(sources, modes, values, selection, noise):
     """The noise with ρ of each pair in each class by the likelihood of its differences."""
     residuals, p = sources.compute_residuals(values, modes), len(modes)
-    overall = _fit_correlation(sources, residuals, selection, np.eye(len(sources.seen)), p)
+    overall_correlation = _fit_noise_correlation(sources, residuals, selection, np.eye(len(sources.is_seen)), p)
     correlations = [
-        _fit_correlation(sources, residuals, selection, overall, p, noise.classes == number)
+        _fit_noise_correlation(sources, residuals, selection, overall_correlation, p, noise.classes == number)
         for number in range(len(noise.factors))
     ]
-    return replace(noise, correlation=np.array(correlations), correlation_of_all=overall)
+    return replace(noise, correlation=np.array(correlations), correlation_of_all=overall_correlation)
 
 
-def _fit_correlation(sources, residuals, selection, default, n_modes, members=True):
-    """Fit ρ of each pair of catalogues for some sources, or take `default` of few; the nearest that all can have."""
+def _fit_noise_correlation(sources, residuals, selection, default_correlation, n_modes, is_member=True):
+    """Fit ρ of each pair of catalogues, of few sources `default_correlation`; the nearest that all can have."""
     from scipy.optimize import minimize_scalar  # slow to import
 
-    k = len(sources.seen)
-    correlation = np.array(default)
+    k = len(sources.is_seen)
+    correlation = np.array(default_correlation)
     for i, j in combinations(range(k), 2):
-        pair = selection & sources.seen[i] & sources.seen[j]
-        common = np.flatnonzero(pair & members)
-        if len(common) < _FEWEST_OF_PAIR or pair.sum() <= n_modes:
+        is_in_pair = selection & sources.is_seen[i] & sources.is_seen[j]
+        rows = np.flatnonzero(is_in_pair & is_member)
+        if len(rows) < _FEWEST_OF_PAIR or is_in_pair.sum() <= n_modes:
             continue
-        d = residuals[i][:, common] - residuals[j][:, common]
-        d *= np.sqrt(2 * pair.sum() / (2 * pair.sum() - n_modes))  # the fit has taken its part
-        total, cross = _sum_covariances(sources, i, j, common)
+        d = residuals[i][:, rows] - residuals[j][:, rows]
+        d *= np.sqrt(2 * is_in_pair.sum() / (2 * is_in_pair.sum() - n_modes))  # the fit has taken its part
+        total, cross = _sum_pair_covariances(sources, i, j, rows)
 
-        def loss(rho, own=total, cross=cross, d=d):
-            v = own - rho * cross
+        def loss(rho, total=total, cross=cross, d=d):
+            v = total - rho * cross
             det = v[:, 0, 0] * v[:, 1, 1] - v[:, 0, 1] ** 2
             chi2 = (v[:, 1, 1] * d[0] ** 2 - 2 * v[:, 0, 1] * d[0] * d[1] + v[:, 0, 0] * d[1] ** 2) / det
             return float(np.sum(chi2 + np.log(det)))

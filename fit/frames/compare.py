@@ -105,19 +105,19 @@ def fit_by_error_class(differences: Field, modes: Modes, indices: IntArray | Non
     p_value = float("nan")
     if is_deformation.any():
         deformation = values[is_deformation]
-        size = deformation @ np.linalg.solve(covariance[np.ix_(is_deformation, is_deformation)], deformation)
-        share = np.array([np.trace(e.matrix) / t for e, t in zip(normals, tau, strict=True)])
-        share /= share.sum()
-        p_value = f_p_value(float(size), int(is_deformation.sum()), 1 / np.sum(share**2 / dof))
+        norm2 = deformation @ np.linalg.solve(covariance[np.ix_(is_deformation, is_deformation)], deformation)
+        weight_share = np.array([np.trace(e.matrix) / t for e, t in zip(normals, tau, strict=True)])
+        weight_share /= weight_share.sum()
+        p_value = f_p_value(float(norm2), int(is_deformation.sum()), 1 / np.sum(weight_share**2 / dof))
     return ErrorClassFit(values, np.asarray(covariance, float), tuple(map(float, np.sqrt(tau))), float(p_value))
 
 
-def count_same(differences: Field) -> int:
+def count_same_values(differences: Field) -> int:
     """Count the sources that have the same values in both catalogues."""
-    size = abs(differences.motion)
-    is_near = (size < 1e-3 * differences.sigma).all(axis=0)
-    limit = 0.01 * np.median(size[:, ~is_near]) if (~is_near).any() else np.inf
-    return int((is_near & (size < limit).all(axis=0)).sum())
+    absolute_differences = abs(differences.motion)
+    is_near = (absolute_differences < 1e-3 * differences.sigma).all(axis=0)
+    limit = 0.01 * np.median(absolute_differences[:, ~is_near]) if (~is_near).any() else np.inf
+    return int((is_near & (absolute_differences < limit).all(axis=0)).sum())
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -201,22 +201,22 @@ class FrameComparison(FrameResult, AboutSolution):
         systematic errors add to the variances alone.
         """
         solution, errors = self.solution, self.solution.errors_from
-        source = solution.error_source
+        error_source = solution.error_source
         values, covariance = np.array(solution.values), np.array(solution.covariance)
         if self.by_class is not None:
             values, covariance = np.array(self.by_class.values), np.array(self.by_class.covariance)
             errors = "the scatter of the residuals in classes of sources with similar formal errors"
-            source = ErrorSource.RESIDUALS
+            error_source = ErrorSource.RESIDUALS
         degree_one = np.flatnonzero(solution.modes.degrees == 1)
         if self.shared is not None:
             shared_solution = self.shared.solutions[0]
             values[degree_one] = shared_solution.values
             block = np.ix_(degree_one, degree_one)
-            noise, covariance[block] = covariance[block], shared_solution.covariance
+            noise_block, covariance[block] = covariance[block], shared_solution.covariance
             if np.linalg.eigvalsh(covariance)[0] <= 0:  # errors are smaller where systematic errors are held back
-                smaller = np.linalg.cholesky(covariance[block]) @ np.linalg.inv(np.linalg.cholesky(noise))
+                root_ratio = np.linalg.cholesky(covariance[block]) @ np.linalg.inv(np.linalg.cholesky(noise_block))
                 higher = np.flatnonzero(solution.modes.degrees > 1)
-                covariance[np.ix_(degree_one, higher)] = smaller @ covariance[np.ix_(degree_one, higher)]
+                covariance[np.ix_(degree_one, higher)] = root_ratio @ covariance[np.ix_(degree_one, higher)]
                 covariance[np.ix_(higher, degree_one)] = covariance[np.ix_(degree_one, higher)].T
             errors += "; those of rotation and glide include systematic errors"
         elif self.floor is not None:
@@ -233,7 +233,7 @@ class FrameComparison(FrameResult, AboutSolution):
             coefficients=replace(solution.coefficients, values=values),
             covariance=covariance,
             errors_from=errors,
-            error_source=source,
+            error_source=error_source,
             includes_floor=solution.includes_floor or self.shared is not None or self.floor is not None,
             formal_covariance=solution.formal.covariance,
         )
@@ -315,19 +315,19 @@ class FrameComparison(FrameResult, AboutSolution):
         """
         return self._compute_deformation_p_value(self.factor)
 
-    def _compute_deformation_p_value(self, factor):
-        at = np.flatnonzero(self.solution.modes.degrees > 1)
-        if not at.size:
+    def _compute_deformation_p_value(self, error_factor):
+        indices = np.flatnonzero(self.solution.modes.degrees > 1)
+        if not indices.size:
             return float("nan")
-        values, matrix = self.solution.values[at], self.solution.covariance[np.ix_(at, at)]
-        chi2, count = float(values @ np.linalg.solve(matrix, values)), at.size
+        values, covariance = self.solution.values[indices], self.solution.covariance[np.ix_(indices, indices)]
+        chi2, n_terms = float(values @ np.linalg.solve(covariance, values)), indices.size
         if self.method:  # errors are of the scatter already, and their degrees of freedom are known
-            return chance_probability(chi2, count, self.solution.covariance_dof)
-        dof = self.solution.dof if factor != 1 else np.inf  # the factor is an estimate
-        return f_p_value(chi2 / factor**2, count, dof)
+            return chance_probability(chi2, n_terms, self.solution.covariance_dof)
+        dof = self.solution.dof if error_factor != 1 else np.inf  # the factor is an estimate
+        return f_p_value(chi2 / error_factor**2, n_terms, dof)
 
     def _sections(self, long):
-        solution, (a, b), best, parameters = self.solution, self.labels, self.best, self.parameters
+        solution, (label_a, label_b), best, parameters = self.solution, self.labels, self.best, self.parameters
         terms = to_icrf3_terms(best.coefficients, best.sigma)
         term_names = [name for name in terms if long or name[0] in "RD"]
         values, errors = np.transpose([terms[name] for name in term_names])
@@ -338,10 +338,10 @@ class FrameComparison(FrameResult, AboutSolution):
         rotation = "R1, R2, R3 are the components of the rotation with the opposite sign"
         remarks = [f"{rotation}, because they rotate the axes and not the sources."]
         if self.alone is not None:
-            pairs = ", ".join(
+            texts = ", ".join(
                 f"{name} {format_with_error(v, s, '+')}" for name, (v, s) in self.parameters_alone.items()
             )
-            remarks.append(f"These alone, all others held at zero (errors scaled in classes): {pairs} {solution.unit}")
+            remarks.append(f"These alone, all others held at zero (errors scaled in classes): {texts} {solution.unit}")
         if self.names and not long:
             nearest = zip(self.names[:_FEW_LISTED], self.distances, strict=False)
             outliers = ", ".join(f"{one_line_text(name)} ({x:.1f} standard errors)" for name, x in nearest)
@@ -349,7 +349,7 @@ class FrameComparison(FrameResult, AboutSolution):
         quantity = "position" if solution.unit == "µas" else "motion"
         notes = () if long else solution.notes
         forms = {"value / error": "+z.1f", "formal error": ".2f"}
-        title = f"{a} − {b}: differences of {quantity}"
+        title = f"{label_a} − {label_b}: differences of {quantity}"
         sections = [Section(title, facts, table, forms=forms, remarks=remarks, notes=notes)]
         if long and self.names:
             outliers = self.outliers_table()[:_MOST_LISTED]
@@ -369,14 +369,14 @@ class FrameComparison(FrameResult, AboutSolution):
             facts.append(("method", f"{self.method}, its formal errors beside"))
         if self.by_class is not None and long:
             factors = ", ".join(f"{factor:.2f}" for factor in self.by_class.factors)
-            count = len(self.by_class.factors)
-            classes = f"{count} classes of similar formal errors" if count > 1 else "one class"
+            n_classes = len(self.by_class.factors)
+            classes = f"{n_classes} classes of similar formal errors" if n_classes > 1 else "one class"
             facts.append(
                 ("errors", f"rescaled by the scatter of residuals in {classes}, by {factors} from the smallest on")
             )
         if solution.modes.lmax > 1 and long:
-            p = self.deformation_p_value_by_class
-            p_values = [f"{printed_p_value(p)} with errors rescaled in classes"] * bool(np.isfinite(p))
+            p_value = self.deformation_p_value_by_class
+            p_values = [f"{printed_p_value(p_value)} with errors rescaled in classes"] * bool(np.isfinite(p_value))
             errors = f"errors by {self.method}" if self.method else "formal errors"
             p_values.append(f"{printed_p_value(self.deformation_p_value)} with {errors}")
             if self.factor != 1 and not self.method:
@@ -502,16 +502,16 @@ def compare_catalogues(
         residuals = _compute_normalised_residuals(student_t(differences, modes).solution, differences)
         scatter = _estimate_scatter_by_class(residuals, differences)
         is_near = residuals <= _FAR_RATIO * threshold * scatter
-    scaled = differences.with_errors(differences.sigma * scatter, differences.rho)
-    clipping = clip(scaled[is_near] if is_near.any() else scaled, modes, threshold=threshold)
+    scaled_differences = differences.with_errors(differences.sigma * scatter, differences.rho)
+    clipping = clip(scaled_differences[is_near] if is_near.any() else scaled_differences, modes, threshold=threshold)
     selection = is_near.copy()
     selection[is_near] = clipping.kept
-    formal = clipping.solution
+    formal_solution = clipping.solution
     if (scatter > 1).any():
-        fits = (fit_field(field[selection], modes) for field in (scaled, differences))
-        formal = _restore_given_errors(formal, *fits)
-    distances = _compute_normalised_residuals(formal, differences)
-    order = np.flatnonzero(~selection)[np.argsort(-distances[~selection], kind="stable")]
+        fits = (fit_field(field[selection], modes) for field in (scaled_differences, differences))
+        formal_solution = _restore_given_errors(formal_solution, *fits)
+    distances = _compute_normalised_residuals(formal_solution, differences)
+    outlier_rows = np.flatnonzero(~selection)[np.argsort(-distances[~selection], kind="stable")]
     source_names = differences.name if differences.name is not None else np.arange(len(differences))
     fitted = differences[selection]
     fields = [_apply_own_errors(each, indices[selection], fitted) for each, indices in ((a, pairs.a), (b, pairs.b))]
@@ -526,8 +526,8 @@ def compare_catalogues(
                 "(--method least-squares --parameters degree)"
             )
         covariance = _sum_covariances((a[pairs.a[selection]], b[pairs.b[selection]]), fields)
-        formal = _solve_with_covariance(fitted, modes, covariance)
-    estimate = _solve_by_method(fitted, modes, method, replicates, rng) or formal
+        formal_solution = _solve_with_covariance(fitted, modes, covariance)
+    estimate = _solve_by_method(fitted, modes, method, replicates, rng) or formal_solution
     notes = list(estimate.notes)
     if (scatter > 1.2).any():
         notes.append(
@@ -539,7 +539,7 @@ def compare_catalogues(
             f"{int((~is_near).sum())} of {len(is_near)} pairs deviate by more than {_FAR_RATIO * threshold:g} standard "
             "errors from a robust fit: excluded before the first least-squares fit"
         )
-    n_same = count_same(fitted)
+    n_same = count_same_values(fitted)
     if 100 * n_same > len(fitted):  # one in a million if catalogues are independent
         notes.append(f"{n_same} of {len(fitted)} sources have the same values in both catalogues")
     solution = replace(estimate, unit=unit, notes=tuple(notes))
@@ -548,9 +548,9 @@ def compare_catalogues(
     comparison = FrameComparison(
         labels=(labels[0], labels[1]),
         solution=solution,
-        names=tuple(str(source_names[i]) for i in order),
-        offsets=differences.motion[:, order].T,
-        distances=distances[order],
+        names=tuple(str(source_names[i]) for i in outlier_rows),
+        offsets=differences.motion[:, outlier_rows].T,
+        distances=distances[outlier_rows],
         factor=1.0 if solution.error_source == ErrorSource.SCALED else solution.quality.factor,
         correlations=correlation_matrices(fields, modes.lmax, labels=list(labels)),
         by_class=fit_by_error_class(fitted, modes) if method == "least-squares" and not any(has_covariance) else None,
@@ -559,7 +559,7 @@ def compare_catalogues(
         method="" if method == "least-squares" else method,
         n_same=n_same,
     )
-    return _add_floor(comparison, fitted, floor, replicates, rng, covariance), fitted
+    return _add_systematic_errors(comparison, fitted, floor, replicates, rng, covariance), fitted
 
 
 def _sum_covariances(catalogues, fields):
@@ -603,7 +603,7 @@ def _solve_by_method(fitted, modes, method, replicates, rng):
     return METHODS[method](fitted, modes, {"bootstrap": replicates, "jackknife": _BLOCK_NSIDE}.get(method), rng).plain
 
 
-def _add_floor(comparison, fitted, floor, replicates, rng, covariance):
+def _add_systematic_errors(comparison, fitted, floor, replicates, rng, covariance):
     """The comparison with systematic errors in its errors, or its size beside them.
 
     The size is added to a covariance between sources, of which `shared` knows nothing.
@@ -611,17 +611,17 @@ def _add_floor(comparison, fitted, floor, replicates, rng, covariance):
     is_shared = covariance is None and (len(fitted) >= MANY if floor is None else floor)
     if floor is False or (floor is None and not is_shared and len(fitted) < FEW):
         return comparison
-    degree = as_modes(max(_FLOOR_DEGREE, comparison.solution.modes.lmax))
-    fit = _solve_by_method(fitted, degree, comparison.method, replicates, rng) or normal_equations(
-        fitted, degree, covariance=covariance
+    floor_modes = as_modes(max(_FLOOR_DEGREE, comparison.solution.modes.lmax))
+    source = _solve_by_method(fitted, floor_modes, comparison.method, replicates, rng) or normal_equations(
+        fitted, floor_modes, covariance=covariance
     )
     if is_shared:
-        shared_errors = shared([fit], range(2, _FLOOR_DEGREE + 1), labels=[" − ".join(comparison.labels)], rng=rng)
+        shared_errors = shared([source], range(2, _FLOOR_DEGREE + 1), labels=[" − ".join(comparison.labels)], rng=rng)
         return replace(comparison, shared=replace(shared_errors, unit=comparison.solution.unit))
     with suppress(VshError):  # without noise, or on too little of the sky, there is none to be known
-        estimate = background_floor(fit, range(2, _FLOOR_DEGREE + 1))
-        if np.isfinite([estimate.spin_error, estimate.acceleration_error]).all():
-            return replace(comparison, floor=estimate)
+        floor_estimate = background_floor(source, range(2, _FLOOR_DEGREE + 1))
+        if np.isfinite([floor_estimate.spin_error, floor_estimate.acceleration_error]).all():
+            return replace(comparison, floor=floor_estimate)
     return comparison
 
 

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fit.background import contrast_p_value, pool_draws, resample_draws, sample_class_errors
+from fit.background import compute_contrast_p_value, pool_draw_covariances, resample_draws, sample_class_errors
 from fit.normal import NormalEquations, solve
 from fit.results.solution import Solution
 from fit.results.storage import Result
@@ -312,7 +312,7 @@ class ShearByClass(Result):
     @cached_property
     def shears(self) -> tuple[Shear, ...]:
         """The tensor of each class, its errors with the systematic ones."""
-        values, tensor_covariance = self.means.mean(0), pool_draws(self.means, self.covariances)
+        values, tensor_covariance = self.means.mean(0), pool_draw_covariances(self.means, self.covariances)
         return tuple(
             Shear(
                 tensor=make_symmetric_tensor(values[i]),
@@ -348,7 +348,7 @@ class ShearByClass(Result):
         if not len(contrasts):
             return np.nan
         indices = list(_INDEPENDENT_COMPONENTS)
-        return contrast_p_value(self.means[:, :, indices], self.covariances[:, :, indices][..., indices], contrasts)
+        return compute_contrast_p_value(self.means[:, :, indices], self.covariances[:, :, indices][..., indices], contrasts)
 
     @property
     def slope(self) -> FloatArray:

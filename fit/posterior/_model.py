@@ -71,7 +71,7 @@ class CompressedLikelihood:
         return mean + np.einsum("nij,nj->ni", slope.reshape(-1, 3, 3), u), _fill_symmetric(covariance)
 
     def _interpolate_functions(self, arguments, selection):
-        bases = [axis.basis(np.asarray(value)) for axis, value in zip(self.axes, arguments, strict=True)]
+        bases = [axis.evaluate_basis(np.asarray(value)) for axis, value in zip(self.axes, arguments, strict=True)]
         planes = np.tensordot(bases[2], self.coefficients[selection], (1, 3))  # (n, f, n_s, n_x)
         curves = np.einsum("nx,nfsx->nfs", bases[1], planes)
         return np.einsum("ns,nfs->nf", bases[0], curves)
@@ -132,7 +132,7 @@ def compress_likelihood(functions: LikelihoodFunctions, limits: Sequence[tuple[f
 def _refine_axis(axis):
     if axis.count > _MOST_NODES:
         raise ConvergenceError("the likelihood is too rough to be tabulated: narrow the priors")
-    return axis.finer()
+    return axis.refine()
 
 
 def _tabulate_likelihood(functions, axes):

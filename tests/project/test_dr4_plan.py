@@ -21,7 +21,7 @@ def test_page_has_the_hash_and_the_commands_of_the_plan():
 
 
 def test_rules_of_the_plan_are_those_of_the_program():
-    from fit.background._floor import _ODDS, list_shapes
+    from fit.background._floor import _PRIOR_ODDS, list_shapes
     from fit.methods import _DEGREE
     from fit.results.quality import SEEN
     from vsh.vector import GAIA_EDR3
@@ -30,7 +30,7 @@ def test_rules_of_the_plan_are_those_of_the_program():
     assert f"p < {SEEN}" in plan["rules"]["detected"]
     assert f"degree {_DEGREE}" in plan["configuration"]["estimator"]
     assert list_shapes(5) == ("flat", "gaia", "steep")
-    assert _ODDS == {"gaia": 3.0, "steep": 0.5}
+    assert _PRIOR_ODDS == {"gaia": 3.0, "steep": 0.5}
     lon, lat = GAIA_EDR3.direction
     assert f"{GAIA_EDR3.amplitude:.2f} +- 0.35" in plan["rules"]["agrees_with_edr3"]
     assert f"({lon:.1f}, {lat:.1f})" in plan["rules"]["agrees_with_edr3"]

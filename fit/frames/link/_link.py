@@ -105,8 +105,8 @@ def link(
     D = K x of Lindegren (2020, A&A 633, A1), for any number of catalogues and rows; ε and ω have the signs of his, and
     of `fit.solve_frame`. Errors of sources are independent of each other here: stars that share a calibrator are not.
     """
-    reference_name = _choose_reference(astrometry, reference)
-    parameters = Unknowns(
+    reference_name = _choose_reference_name(astrometry, reference)
+    link_unknowns = Unknowns(
         tuple(name for name in unknowns if name != "parallax"),
         tuple(name for name in astrometry.catalogues if name != reference_name),
         tuple(map(float, steps)), order, float(epoch), "parallax" in unknowns,
@@ -117,32 +117,32 @@ def link(
         raise ParameterError(
             f"fixed= names unknown catalogues {', '.join(unknown_names)}; known are {', '.join(astrometry.catalogues)}"
         )
-    raw, notes = make_equations(
-        astrometry, parameters, fixed=fixed, aberration=aberration, parallax=parallax, light_time=light_time
+    equations, notes = make_equations(
+        astrometry, link_unknowns, fixed=fixed, aberration=aberration, parallax=parallax, light_time=light_time
     )
-    prior = _sum_priors(priors, parameters)
-    rows = raw.eliminate_stars()
-    _check_separable(rows, prior, parameters.names, raw)
+    prior = _sum_link_priors(priors, link_unknowns)
+    rows = equations.eliminate_stars()
+    _check_separable(rows, prior, link_unknowns.names, equations)
     if excess is None:
         excess = robust and bool(((astrometry.catalogue == reference_name) & astrometry.measured[:, 0]).any())
     families = (FAMILIES if not excess else OFFSET_FAMILIES) if robust else (NORMAL,)
-    node_list: list[Node] = []
-    sizes: list[float] = _list_excess_sizes(astrometry, reference_name) if excess else [0.0]
-    rows_by_offset = {size: raw.eliminate_stars(size, reference_name) if size else rows for size in sizes}
-    for size, offset_rows in rows_by_offset.items():
+    nodes: list[Node] = []
+    excess_sizes: list[float] = _list_excess_sizes(astrometry, reference_name) if excess else [0.0]
+    rows_by_size = {size: equations.eliminate_stars(size, reference_name) if size else rows for size in excess_sizes}
+    for size, size_rows in rows_by_size.items():
         # As likely as not there is none; all sizes are alike then.
-        log_prior = -np.log(len(sizes) - 1) if size else 0.0
-        for node in iterate_nodes(offset_rows, prior, families, scale):
-            log_evidence = node.log_evidence - offset_rows.log_determinant + log_prior
-            node_list.append(replace(node, log_evidence=log_evidence, excess=size))
-    best = max(node_list, key=lambda node: node.log_evidence)
+        log_prior = -np.log(len(excess_sizes) - 1) if size else 0.0
+        for node in iterate_nodes(size_rows, prior, families, scale):
+            log_evidence = node.log_evidence - size_rows.log_determinant + log_prior
+            nodes.append(replace(node, log_evidence=log_evidence, excess=size))
+    best_node = max(nodes, key=lambda node: node.log_evidence)
     notes = (*astrometry.notes, *notes)
     if aberration is not None and "acceleration" not in unknowns:
         exception = f" of all catalogues but {', '.join(fixed)}, whose calibrators are fixed" if fixed else ""
         correction = f"an acceleration of {aberration.amplitude:.3g} µas/yr is taken from motions and positions"
         notes = (*notes, f"{correction}{exception} (--unknowns orientation,spin,acceleration fits it)")
-    tie = make_frame_tie(node_list, rows_by_offset[best.excess], prior, parameters, reference_name, notes)
-    return replace(tie, fixed=fixed)
+    frame_tie = make_frame_tie(nodes, rows_by_size[best_node.excess], prior, link_unknowns, reference_name, notes)
+    return replace(frame_tie, fixed=fixed)
 
 
 def _list_excess_sizes(astrometry, reference):
@@ -150,11 +150,11 @@ def _list_excess_sizes(astrometry, reference):
     is_reference = (astrometry.catalogue == reference) & astrometry.measured[:, 0]
     if not is_reference.any():
         raise ParameterError(f"an excess noise is of positions, and {reference} has none with errors")
-    unit = float(np.sqrt(np.median(astrometry.covariance[is_reference][:, [0, 1], [0, 1]])))
-    return [0.0, *(unit * size for size in _EXCESS_SIZES)]
+    median_error = float(np.sqrt(np.median(astrometry.covariance[is_reference][:, [0, 1], [0, 1]])))
+    return [0.0, *(median_error * size for size in _EXCESS_SIZES)]
 
 
-def _sum_priors(priors, unknowns):
+def _sum_link_priors(priors, unknowns):
     """Sum the priors to a normal matrix and its right-hand side."""
     p = len(unknowns.names)
     matrix, rhs = np.zeros((p, p)), np.zeros(p)
@@ -180,25 +180,25 @@ def _sum_priors(priors, unknowns):
 _ROUNDING = 1e-12
 
 
-def _check_separable(rows, prior, names, raw):
+def _check_separable(rows, prior, names, equations):
     """Raise DegeneracyError, with the names, where the sources cannot separate unknowns."""
     matrix = rows.design.T @ rows.design + prior[0]
     roots = np.sqrt(np.diag(matrix))
-    lost = [name for name, root in zip(names, roots, strict=True) if not root > _ROUNDING]
-    if not lost:
+    mixed = [name for name, root in zip(names, roots, strict=True) if not root > _ROUNDING]
+    if not mixed:
         eigenvalues, eigenvectors = np.linalg.eigh(matrix / np.outer(roots, roots))
         if eigenvalues[0] < _SMALLEST_EIGENVALUE or len(rows.rhs) < len(names) - np.linalg.matrix_rank(prior[0]):
             shares = np.abs(eigenvectors[:, 0])
-            lost = [name for name, share in zip(names, shares, strict=True) if share > 0.1]
-    if lost:
-        n_both = raw.n_matched
-        hint = "leave out unknowns or steps, or give priors" if n_both else raw.describe_matching()
+            mixed = [name for name, share in zip(names, shares, strict=True) if share > 0.1]
+    if mixed:
+        n_both = equations.n_matched
+        hint = "leave out unknowns or steps, or give priors" if n_both else equations.describe_matching()
         raise DegeneracyError(
-            f"{len(rows.names)} sources, {n_both} of them in two catalogues, cannot separate {', '.join(lost)}: {hint}"
+            f"{len(rows.names)} sources, {n_both} of them in two catalogues, cannot separate {', '.join(mixed)}: {hint}"
         )
 
 
-def _choose_reference(astrometry, reference):
+def _choose_reference_name(astrometry, reference):
     names = astrometry.catalogues
     candidates = [catalogue for catalogue in names if catalogue.lower().startswith(("vlbi", "icrf"))]
     name = reference or (candidates[0] if len(candidates) == 1 else None)
@@ -211,7 +211,7 @@ def _choose_reference(astrometry, reference):
 
 
 #: Places that are tried unless given, and how many sources are left to either side.
-_N_PLACES, _N_BESIDE = 12, 6
+_N_PLACES, _N_BESIDE_PLACE = 12, 6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -342,36 +342,36 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
     """
     if "steps" in options:
         raise ParameterError("steps are what is sought: say at which magnitudes with places")
-    magnitudes = _choose_places(astrometry) if places is None else np.unique(np.asarray(places, float))
+    magnitudes = _choose_step_magnitudes(astrometry) if places is None else np.unique(np.asarray(places, float))
     if magnitudes.ndim != 1 or len(magnitudes) < 2 or not np.isfinite(magnitudes).all():
         raise ParameterError(f"two magnitudes at least are expected as places of a jump, not {places!r}")
     solutions = [link(astrometry, steps=[float(magnitude)], **options) for magnitude in magnitudes]
     pairs = list(zip(solutions, magnitudes.tolist(), strict=True))
-    log_determinants = [np.linalg.slogdet(solution.jump_covariance(x))[1] for solution, x in pairs]
-    log_evidence = np.array([tie.log_evidence for tie in solutions]) - np.array(log_determinants) / 2
-    best = solutions[int(log_evidence.argmax())]
-    p_values = np.array([solution.jump_p_values(x) for solution, x in pairs])
+    log_determinants = [np.linalg.slogdet(solution.jump_covariance(magnitude))[1] for solution, magnitude in pairs]
+    log_evidence = np.array([solution.log_evidence for solution in solutions]) - np.array(log_determinants) / 2
+    best_link = solutions[int(log_evidence.argmax())]
+    p_values = np.array([solution.jump_p_values(magnitude) for solution, magnitude in pairs])
     search_p_values = -np.expm1(len(magnitudes) * np.log1p(-np.minimum(p_values.min(axis=0), 1 - 1e-16)))
-    baseline = link(astrometry, **options)
-    best = replace(best, searched=tuple(map(float, search_p_values)))
+    link_without_step = link(astrometry, **options)
+    best_link = replace(best_link, searched=tuple(map(float, search_p_values)))
     return StepSearch(
         places=magnitudes,
         probability=np.exp(log_evidence - logsumexp(log_evidence)),
         p_values=p_values[:, 0],
         p_value=float(search_p_values[0]),
-        solution=best,
-        whole=baseline,
+        solution=best_link,
+        whole=link_without_step,
     )
 
 
-def _choose_places(astrometry):
+def _choose_step_magnitudes(astrometry):
     """Choose magnitudes between those of the sources, some of these left to either side."""
     _, rows = np.unique(astrometry.source, return_index=True)
     magnitudes = np.sort(astrometry.magnitude[rows][np.isfinite(astrometry.magnitude[rows])])
-    if len(magnitudes) < 2 * _N_BESIDE + 2:
+    if len(magnitudes) < 2 * _N_BESIDE_PLACE + 2:
         raise DegeneracyError(
-            f"{len(magnitudes)} sources with a magnitude are too few to look for a jump among: {2 * _N_BESIDE + 2} at "
-            "least"
+            f"{len(magnitudes)} sources with a magnitude are too few to look for a jump among: "
+            f"{2 * _N_BESIDE_PLACE + 2} at least"
         )
-    splits = np.unique(np.linspace(_N_BESIDE, len(magnitudes) - _N_BESIDE, _N_PLACES).astype(int))
+    splits = np.unique(np.linspace(_N_BESIDE_PLACE, len(magnitudes) - _N_BESIDE_PLACE, _N_PLACES).astype(int))
     return np.unique((magnitudes[splits - 1] + magnitudes[splits]) / 2)

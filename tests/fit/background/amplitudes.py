@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from fit.background._amplitude import compute_posteriors
+from fit.background._amplitude import compute_posteriors_and_evidence
 from fit.background._likelihood import Likelihood, check_degrees, equations_of, should_fit_scale
 from vsh.models.covariance import Spectrum
 
@@ -37,11 +37,11 @@ def fit_amplitudes(normal, spectra, noise_scale=None, *, degrees=None, free=(1,)
     degrees = check_degrees(modes, rest if degrees is None else degrees)
     fit_scale = should_fit_scale(normal, noise_scale)
     likelihood = Likelihood(equations, spectra, degrees, flat, fit_scale)
-    best = likelihood.maximum()
+    best = likelihood.find_maximum()
     covariance = covariance_of(likelihood, best)
     return SimpleNamespace(
         noise_scale_error=float(np.sqrt(covariance[-1, -1]) / (2 * best.noise_scale)) if fit_scale else 0.0,
-        log_evidence=compute_posteriors(likelihood, best)[1],
+        log_evidence=compute_posteriors_and_evidence(likelihood, best)[1],
         degrees=degrees,
         **vars(best),
     )

@@ -12,7 +12,7 @@ from scipy.integrate import quad
 import fit
 import sim
 from fit.background import Spectrum
-from fit.background._amplitude import compute_posteriors
+from fit.background._amplitude import compute_posteriors_and_evidence
 from fit.background._likelihood import Likelihood, Maximum
 from vsh import Field, Modes
 from vsh.basis import harmonics
@@ -90,7 +90,7 @@ def loud():
 
 def test_maximum_is_the_highest_point(loud):
     likelihood = Likelihood(loud, [Spectrum.odd(), Spectrum.even()], (2, 3, 4), (1,))
-    best = likelihood.maximum()
+    best = likelihood.find_maximum()
     ratios = best.amplitudes / best.noise_scale**2
     top = likelihood.profile_log_likelihood(ratios) + likelihood.chi2 / 2
     assert (best.amplitudes > 0).all()
@@ -136,8 +136,8 @@ def test_information_is_the_mean_curvature():
 def test_posteriors_are_integrals_over_the_likelihood(loud):
     """One amplitude with the scale marginalised, and the evidence: against adaptive quadrature of ln L itself."""
     likelihood = Likelihood(loud, [Spectrum.even()], (2, 3, 4), (1,))
-    best = likelihood.maximum()
-    (found,), evidence = compute_posteriors(likelihood, best)
+    best = likelihood.find_maximum()
+    (found,), evidence = compute_posteriors_and_evidence(likelihood, best)
     unit = likelihood.unit[0] * best.noise_scale**2
     top = likelihood(best.amplitudes, best.noise_scale)
 
@@ -164,8 +164,8 @@ def test_posteriors_are_integrals_over_the_likelihood(loud):
 def test_two_amplitudes_are_marginalised(loud):
     """The other amplitude integrated by brute force, the scale of the errors fixed."""
     likelihood = Likelihood(loud, [Spectrum.odd(), Spectrum.even()], (2, 3, 4), (1,), noise_scale=False)
-    best = likelihood.maximum()
-    found, evidence = compute_posteriors(likelihood, best)
+    best = likelihood.find_maximum()
+    found, evidence = compute_posteriors_and_evidence(likelihood, best)
     u = likelihood.unit
     other = np.geomspace(1e-3, 1e5, 600)
     weight = np.gradient(other) * u[0] / (u[0] + other) ** 2

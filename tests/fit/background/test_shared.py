@@ -37,12 +37,12 @@ def test_gradient_is_that_of_the_likelihood():
     for own in ("each", "one"):
         blocks = ClassLikelihood(parts, modes, Spectrum.flat().variances(modes), own)
         x = np.linspace(0.7, 1.9, blocks.mode_units.size)
-        value, slope = blocks.loss(x)
-        assert value == pytest.approx(-blocks.log_likelihoods(x[None])[0], rel=1e-12)
+        value, slope = blocks.compute_loss(x)
+        assert value == pytest.approx(-blocks.compute_log_likelihoods(x[None])[0], rel=1e-12)
         for k in range(x.size):
             step = np.zeros(x.size)
             step[k] = 1e-5
-            numeric = (blocks.loss(x + step)[0] - blocks.loss(x - step)[0]) / 2e-5
+            numeric = (blocks.compute_loss(x + step)[0] - blocks.compute_loss(x - step)[0]) / 2e-5
             assert 2 * x[k] * slope[k] == pytest.approx(numeric, rel=1e-4, abs=1e-6)
 
 
@@ -55,7 +55,7 @@ def test_likelihood_is_that_of_the_dense_covariance():
     variances = Spectrum.flat().variances(modes)
     blocks = ClassLikelihood(parts, modes, variances, "each")
     x = np.array([1.0, 0.5, 2.0, 0.7, 1.1, 0.2])
-    shares = blocks.shares(x)
+    shares = blocks.compute_shares(x)
     high = modes.degrees > 1
     prior = np.einsum("kij,k,kl->ikjl", shares[map_parities(modes)[high]], variances[high], np.eye(high.sum()))
     prior = prior.reshape(2 * high.sum(), -1)
@@ -66,7 +66,7 @@ def test_likelihood_is_that_of_the_dense_covariance():
     beta = parts.rhs.ravel()
     inner = np.linalg.inv(prior) + a
     wanted = beta @ np.linalg.solve(inner, beta) / 2 - np.linalg.slogdet(np.eye(2 * q) + prior @ a)[1] / 2
-    assert blocks.log_likelihoods(x[None])[0] == pytest.approx(wanted, abs=1e-4)
+    assert blocks.compute_log_likelihoods(x[None])[0] == pytest.approx(wanted, abs=1e-4)
 
 
 def test_classes_alike_are_not_contradicted(three):
@@ -206,12 +206,12 @@ def test_classes_that_share_no_noise_are_classes_of_their_own():
     variances = Spectrum.flat().variances(modes)
     blocks = ClassLikelihood(joint, modes, variances, "each")
     x = rng.uniform(0.5, 3, blocks.units.size)
-    _, slope = blocks.loss(x)
+    _, slope = blocks.compute_loss(x)
     for k in range(x.size):
-        up, down = (blocks.loss(np.sqrt(x**2 + step * np.eye(x.size)[k]))[0] for step in (1e-5, -1e-5))
+        up, down = (blocks.compute_loss(np.sqrt(x**2 + step * np.eye(x.size)[k]))[0] for step in (1e-5, -1e-5))
         assert (up - down) / 2e-5 == pytest.approx(slope[k], rel=1e-5, abs=1e-7)
     mean, covariance = blocks.fit_free_modes(x)
-    share = blocks.shares(x)[map_parities(modes)] * variances[:, None, None]
+    share = blocks.compute_shares(x)[map_parities(modes)] * variances[:, None, None]
     prior = np.einsum("pij,pq->ipjq", share, np.eye(len(modes))).reshape(mixed.shape)
     low = np.tile(modes.degrees == 1, 3)
     free = np.eye(rhs.size)[:, low]

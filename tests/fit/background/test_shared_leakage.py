@@ -8,7 +8,7 @@ from conftest import few_or_many
 
 import fit
 import sim
-from fit.background import Template, extend_degrees, sees_part, shared
+from fit.background import Template, extend_degrees, has_leakage, shared
 from fit.background._shared import marginalise_higher_degrees
 from fit.normal import gaussian_prior
 from vsh import Modes
@@ -55,7 +55,7 @@ def test_differences_of_caps_are_within_their_errors(skies):
 
 def test_part_of_the_sky_is_told():
     normals = whole_and_caps(1, 8)
-    assert [sees_part(each, 5) for each in normals] == [False, True]
+    assert [has_leakage(each, 5) for each in normals] == [False, True]
     at = np.flatnonzero(normals[0].modes.degrees <= 5)
     low = [_cut(each, at) for each in normals]
     for given in (low, [normals[0], low[1]]):  # degrees of the other class do not help this one

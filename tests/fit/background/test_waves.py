@@ -11,7 +11,7 @@ import fit
 import sim
 from fit.background import Spectrum, wave_limit
 from fit.background._amplitude import Amplitude
-from fit.background._waves import compute_probability_above, find_quadrupole_statistics, find_quantile
+from fit.background._waves import compute_probability_above, fit_quadrupole, find_sum_quantile
 from vsh.io.catalogue import read_field
 from vsh.tools.errors import ModesError, ParameterError
 
@@ -135,7 +135,7 @@ def test_quadratic_forms():
     variances, shifts = rng.uniform(0.1, 5, 10), rng.normal(size=10)
     draws = np.sum(variances * (rng.normal(size=(10**6, 10)) + shifts) ** 2, 1)
     for probability in (0.05, 0.5, 0.95):
-        assert find_quantile(probability, variances, shifts) == pytest.approx(np.quantile(draws, probability), rel=5e-3)
+        assert find_sum_quantile(probability, variances, shifts) == pytest.approx(np.quantile(draws, probability), rel=5e-3)
 
 
 def test_messages():
@@ -155,7 +155,7 @@ def test_messages():
     assert few.report().rstrip().endswith("–")
     few.plot()
     # As many numbers as unknowns determine no scatter, whatever the matrix is.
-    assert np.isnan(find_quadrupole_statistics(fit.normal_equations(random_field(8, 1), 2), 2, True)[0])
+    assert np.isnan(fit_quadrupole(fit.normal_equations(random_field(8, 1), 2), 2, True)[0])
 
 
 def test_limit_by_coefficients_goes_with_the_square_of_the_hubble_constant():

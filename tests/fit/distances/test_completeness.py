@@ -9,7 +9,7 @@ from conftest import few_or_many
 
 import sim
 from fit.distances import calibrate
-from fit.distances._density import compute_completeness_deviate, count_absolute_magnitudes, find_completeness_limit
+from fit.distances._density import compute_completeness_deviate, count_absolute_magnitudes, find_completeness_limit_and_counts
 from fit.secular_parallax import observer_velocity
 from vsh import Field
 from vsh.models.cosmology import distance_modulus, transverse_distance
@@ -56,7 +56,7 @@ def test_deviate_of_complete_samples_is_normal(n_skies):
 
 def test_sample_that_fades_out_is_complete_to_a_brighter_magnitude():
     field = galaxies(1, n=4000, softness=1.0)
-    limit, brighter = find_completeness_limit(table(field), field.magnitude.max())
+    limit, brighter = find_completeness_limit_and_counts(table(field), field.magnitude.max())
     assert 11 < limit < 12.8
     assert brighter.sum() < 0.8 * len(field)
     notes = calibrate(field, dispersion=300.0).notes
@@ -84,7 +84,7 @@ def test_list_that_somebody_chose_is_complete_to_a_brighter_magnitude():
 )
 def test_magnitudes_of_inhomogeneous_lists_are_left_out(monkeypatch, gap, asked, is_used, note):
     """Unless they are asked for; where they were complete to no limit, nothing was said."""
-    finder = "fit.distances._calibration.find_completeness_limit"
+    finder = "fit.distances._calibration.find_completeness_limit_and_counts"
     monkeypatch.setattr(finder, lambda bright, faintest: (faintest - gap, bright))
     calibration = calibrate(galaxies(1), dispersion=300.0, magnitudes=asked)
     assert (calibration.luminosity is not None) == is_used

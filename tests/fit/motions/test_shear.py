@@ -141,7 +141,7 @@ def test_free_modes_by_the_dense_covariance():
     mean, covariance = blocks.fit_free_modes(x)
     p = len(modes)
     matrix = block_diag(*(each.matrix for each in normals))
-    share = blocks.shares(x)[map_parities(modes)] * variances[:, None, None]
+    share = blocks.compute_shares(x)[map_parities(modes)] * variances[:, None, None]
     prior = np.einsum("pij,pq->ipjq", share, np.eye(p)).reshape(k * p, -1)
     both = np.c_[np.eye(k * p)[:, np.tile(own, k)], np.eye(k * p)]
     precision = both.T @ matrix @ both
