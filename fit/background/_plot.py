@@ -117,7 +117,7 @@ def plot_classes(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
             )
         axes.axvline(0, color="0.7", linewidth=0.8)
         axes.set_yticks(positions, wrapped_labels if axes is subplots[0] else [""] * len(labels))
-        vector_symbol = symbol(f"{attribute}_x").replace("_x", "") if vectors and not names else ""
+        vector_symbol = symbol(f"{attribute}_x").replace("_x", "") if vectors and not display_names else ""
         label = f"{display_names.get(attribute, attribute)} {vector_symbol}\n[{classes.unit}]"
         if len(classes) > 1:
             axes.axhline(len(classes) - 0.5, color="0.7", linewidth=0.8, linestyle=":")  # below it are all together

@@ -348,7 +348,9 @@ class ShearByClass(Result):
         if not len(contrasts):
             return np.nan
         indices = list(_INDEPENDENT_COMPONENTS)
-        return compute_contrast_p_value(self.means[:, :, indices], self.covariances[:, :, indices][..., indices], contrasts)
+        return compute_contrast_p_value(
+            self.means[:, :, indices], self.covariances[:, :, indices][..., indices], contrasts
+        )
 
     @property
     def slope(self) -> FloatArray:

@@ -169,7 +169,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 def _run(options):
     vsh.io.tables.check_writable(options.output)  # what cannot be written is better told before the work than after
     finishing.check_file(options.output, options.overwrite)
-    finishing.check_configuration(options.output)
+    finishing.check_configuration_replaceable(options.output)
     writers = {"crf3": _write_crf_catalogue, "crf4": _write_crf_catalogue, "epochs": _write_epochs, "link": _write_link}
     writers.get(options.kind, _write_catalogue)(options)
 
@@ -280,7 +280,7 @@ def _finish(options, notes, meta, summary):
     def make_truth_table():
         return {"truth": vsh.io.tables.table_of_rows(("name", "value"), named_values)}
 
-    finishing.print_result(options, finishing.message_result(message, make_truth_table, notes))
+    finishing.print_result(options, finishing.make_message_result(message, make_truth_table, notes))
 
 
 def _make_truth_metadata(vectors, options):

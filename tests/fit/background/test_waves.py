@@ -11,7 +11,7 @@ import fit
 import sim
 from fit.background import Spectrum, wave_limit
 from fit.background._amplitude import Amplitude
-from fit.background._waves import compute_probability_above, fit_quadrupole, find_sum_quantile
+from fit.background._waves import compute_probability_above, find_sum_quantile, fit_quadrupole
 from vsh.io.catalogue import read_field
 from vsh.tools.errors import ModesError, ParameterError
 
@@ -135,7 +135,9 @@ def test_quadratic_forms():
     variances, shifts = rng.uniform(0.1, 5, 10), rng.normal(size=10)
     draws = np.sum(variances * (rng.normal(size=(10**6, 10)) + shifts) ** 2, 1)
     for probability in (0.05, 0.5, 0.95):
-        assert find_sum_quantile(probability, variances, shifts) == pytest.approx(np.quantile(draws, probability), rel=5e-3)
+        assert find_sum_quantile(probability, variances, shifts) == pytest.approx(
+            np.quantile(draws, probability), rel=5e-3
+        )
 
 
 def test_messages():

@@ -4,7 +4,7 @@ from conftest import nonuniform
 
 import fit
 from fit.correlation import influence_map, parameters_of, select_parameters
-from fit.correlation._matrices import _solve_and_select_rows, _differentiate_by_weight
+from fit.correlation._matrices import _differentiate_by_weight, _solve_and_select_rows
 from vsh import Coefficients, Modes
 from vsh.sky.pixels import pixels_of
 from vsh.vector import correlation_of
@@ -67,4 +67,6 @@ def influence_of_part(field, keep):
     covariance, first, second, chosen = _solve_and_select_rows(field, 2, ("omega_x", "a_y"))
     part = field[keep]
     g, h = (Coefficients(chosen.modes, covariance @ row).at(part.lon, part.lat) for row in (first, second))
-    return np.bincount(pixels_of(part.lon, part.lat, 4), _differentiate_by_weight(covariance, first, second, g, h, part), 192)
+    return np.bincount(
+        pixels_of(part.lon, part.lat, 4), _differentiate_by_weight(covariance, first, second, g, h, part), 192
+    )

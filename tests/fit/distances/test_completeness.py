@@ -9,7 +9,11 @@ from conftest import few_or_many
 
 import sim
 from fit.distances import calibrate
-from fit.distances._density import compute_completeness_deviate, count_absolute_magnitudes, find_completeness_limit_and_counts
+from fit.distances._density import (
+    compute_completeness_deviate,
+    count_absolute_magnitudes,
+    find_completeness_limit_and_counts,
+)
 from fit.secular_parallax import observer_velocity
 from vsh import Field
 from vsh.models.cosmology import distance_modulus, transverse_distance

@@ -288,8 +288,8 @@ def plot_field(
     elif is_covariance_known:
         basis = harmonics(lon, lat, modes)
         significance = np.nan_to_num(compute_significance(motion, basis, np.asarray(covariance)))
-        # One arrow of twenty lies beyond the end of the colours.
-        top = max(TOP, _round_up(float(np.percentile(significance, 95)))) if significance.max() > TOP else TOP
+        reach = float(np.percentile(significance, 95))
+        top = TOP if reach <= TOP else _round_up(reach)
         colour = _make_significance_colormap(top)(np.clip(significance, 0, top) / top)
     draw_vectors(axes, lon, lat, motion, color=colour)
     largest_motion = float(np.hypot(*motion).max())
