@@ -155,12 +155,10 @@ def bootstrap(
 
 
 def _bootstrap_scores(sky, solution, n_replicates, rng, progress):
-    count_and_weight = sky.sum(_count_and_sum_weights, roles=(), words="bootstrap", progress=progress)
+    total = sky.sum(_count_and_sum_weights, roles=(), words="bootstrap", progress=progress)
     seed = int(rng.integers(2**63))
-    sum_scores = partial(
-        _sum_drawn_scores, solution=solution, count_and_weight=count_and_weight, n_replicates=n_replicates, seed=seed
-    )
-    score_sums = sky.sum(sum_scores, roles=(), words="bootstrap", progress=progress)
+    work = partial(_sum_drawn_scores, solution=solution, count_and_weight=total, n_replicates=n_replicates, seed=seed)
+    score_sums = sky.sum(work, roles=(), words="bootstrap", progress=progress)
     # The covariance of `solution` is N⁻¹ of the whole catalogue; the same matrix serves all draws.
     replicates = solution.values + score_sums["scores"] @ solution.covariance
     dof = score_dof(score_sums["squared leverages"], solution.modes)

@@ -347,10 +347,8 @@ class ShearByClass(Result):
         """The mean over draws of the p-value that linear combinations of classes, (r, K), are zero."""
         if not len(contrasts):
             return np.nan
-        indices = list(_INDEPENDENT_COMPONENTS)
-        return compute_contrast_p_value(
-            self.means[:, :, indices], self.covariances[:, :, indices][..., indices], contrasts
-        )
+        five = list(_INDEPENDENT_COMPONENTS)
+        return compute_contrast_p_value(self.means[:, :, five], self.covariances[:, :, five][..., five], contrasts)
 
     @property
     def slope(self) -> FloatArray:

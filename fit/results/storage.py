@@ -63,10 +63,8 @@ def encode_value(value: Any) -> Any:
         compressed_text = base64.b85encode(zlib.compress(array.tobytes(), 6)).decode()
         return {"array": compressed_text, "kind": array.dtype.str, "shape": list(array.shape)}
     if type(value).__module__.split(".")[0] in ("fit", "vsh") and (is_dataclass(value) or hasattr(value, "_fields")):
-        class_and_module = {"type": type(value).__name__, "module": type(value).__module__}
-        return class_and_module | {
-            "fields": {name: encode_value(getattr(value, name)) for name in _list_attributes(type(value))}
-        }
+        about = {"type": type(value).__name__, "module": type(value).__module__}
+        return about | {"fields": {name: encode_value(getattr(value, name)) for name in _list_attributes(type(value))}}
     if isinstance(value, np.bool_):
         return bool(value)
     if isinstance(value, (bool, int, np.integer)) or value is None:

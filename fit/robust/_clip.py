@@ -378,14 +378,12 @@ def excess_noise(
     noisy_sky = sky.map(likelihood.make_error_model(parameters))
     solution = solve(likelihood.compute_likelihood_sums(parameters)["normal"])
     covariance, dof = sandwich(noisy_sky, partial(_compute_unit_score_factors, solution=solution), modes)
-    noise_sigma = unit * np.sqrt(parameters[0])
+    noise = unit * np.sqrt(parameters[0])
     # From the variance s² to s; at the boundary s = 0 the error is the s at one error of s².
-    noise_sigma_error = (
-        unit**2 * errors[0] / (2 * noise_sigma) if parameters[0] > errors[0] / 4 else unit * np.sqrt(errors[0])
-    )
+    noise_error = unit**2 * errors[0] / (2 * noise) if parameters[0] > errors[0] / 4 else unit * np.sqrt(errors[0])
     scale_factor = float(np.sqrt(parameters[1])) if scale else 1.0
     scale_factor_error = float(errors[1] / (2 * scale_factor)) if scale else 0.0
-    noise_text = f"{format_with_error(noise_sigma, noise_sigma_error)} {solution.unit}".rstrip()
+    noise_text = f"{format_with_error(noise, noise_error)} {solution.unit}".rstrip()
     note = f"excess noise: {noise_text} added in quadrature to every component"
     if scale:
         note += f", after scaling the errors by {format_with_error(scale_factor, scale_factor_error)}"
@@ -393,8 +391,8 @@ def excess_noise(
     solution = with_errors(solution, covariance, errors_from, ErrorSource.EXCESS_NOISE, covariance_dof=dof, notes=notes)
     return ExcessNoise(
         solution=solution,
-        excess_noise=float(noise_sigma),
-        excess_noise_error=float(noise_sigma_error),
+        excess_noise=float(noise),
+        excess_noise_error=float(noise_error),
         scale=scale_factor,
         scale_error=scale_factor_error,
         n_rounds=likelihood.n_rounds,
@@ -482,13 +480,12 @@ class _RestrictedLikelihood:
         # With W = C⁻¹ and ∂C/∂s² = I: ½ [tr W − |Wr|² − tr(N⁻¹ Σ AᵀW²A)], r = y − A c.
         matrix, rhs, weighted_residual_square = sums["squared"]
         residual_square = weighted_residual_square - 2 * values @ rhs + values @ matrix @ values
-        noise_gradient = (sums["trace"] - residual_square - float(np.sum(solution.covariance * matrix))) / 2
-        gradient = [noise_gradient * self.noise_unit**2]
+        by_noise = (sums["trace"] - residual_square - float(np.sum(solution.covariance * matrix))) / 2
+        gradient = [by_noise * self.noise_unit**2]
         if self.is_scale_free:  # ∂C/∂f² = (C − s² I)/f²
-            noise_variance = parameters[0] * self.noise_unit**2
+            noise = parameters[0] * self.noise_unit**2
             gradient.append(
-                ((self.modes.components * n - solution.chi2 - len(self.modes)) / 2 - noise_variance * noise_gradient)
-                / parameters[1]
+                ((self.modes.components * n - solution.chi2 - len(self.modes)) / 2 - noise * by_noise) / parameters[1]
             )
         return loss / n, np.array(gradient) / n
 

@@ -90,16 +90,14 @@ class StudentT:
         if not self.estimated:
             return self, 0.0
         nu, k = self.nu, self.components
-        mean_log, mean_tail, mean_tail_slope = (sums[name] / n for name in ("log", "beyond", "slope of beyond"))
+        mean_log, mean_tail, slope = (sums[name] / n for name in ("log", "beyond", "slope of beyond"))
         # Derivatives of `_compute_mean_log_density` in ν.
         constant = (digamma((nu + k) / 2) - digamma(nu / 2) - k / nu) / 2
         constant_slope = (polygamma(1, (nu + k) / 2) - polygamma(1, nu / 2)) / 4 + k / nu**2 / 2
         slope_in_nu = constant - mean_log / 2 + (nu + k) / (2 * nu) * mean_tail
-        curvature_in_nu = (
-            constant_slope + mean_tail / (2 * nu) - k / (2 * nu**2) * mean_tail - (nu + k) / (2 * nu) * mean_tail_slope
-        )
+        second = constant_slope + mean_tail / (2 * nu) - k / (2 * nu**2) * mean_tail - (nu + k) / (2 * nu) * slope
         # By τ = 1/ν, in which the mean is nearly a parabola from Gaussian errors on.
-        gradient, curvature = -(nu**2) * slope_in_nu, nu**4 * curvature_in_nu + 2 * nu**3 * slope_in_nu
+        gradient, curvature = -(nu**2) * slope_in_nu, nu**4 * second + 2 * nu**3 * slope_in_nu
         step = -gradient / curvature if curvature < 0 else np.sign(gradient)
         tau = np.clip(
             1 / nu + step,
@@ -184,19 +182,14 @@ def _compute_mean_log_density(nu, components, mean_log):
 
 def _find_likeliest_nu(mean_logs, components):
     """The ν that makes the X² likeliest."""
-    chebyshev_coefficients = chebyshev.chebfit(_LOG_NU_NODES, mean_logs, len(_LOG_NU_NODES) - 1)
+    coefficients = chebyshev.chebfit(_LOG_NU_NODES, mean_logs, len(_LOG_NU_NODES) - 1)
     log_nu = np.linspace(_LOWEST_LOG_NU, _HIGHEST_LOG_NU, 4001)
-    interpolated_mean_logs = chebyshev.chebval(
-        2 * (log_nu - _LOWEST_LOG_NU) / (_HIGHEST_LOG_NU - _LOWEST_LOG_NU) - 1, chebyshev_coefficients
-    )
-    log_densities = _compute_mean_log_density(np.exp(log_nu), components, interpolated_mean_logs)
-    peak_index = int(np.clip(np.argmax(log_densities), 1, len(log_densities) - 2))
-    rise, bend = (
-        (log_densities[peak_index + 1] - log_densities[peak_index - 1]) / 2,
-        log_densities[peak_index + 1] - 2 * log_densities[peak_index] + log_densities[peak_index - 1],
-    )
+    mean_log = chebyshev.chebval(2 * (log_nu - _LOWEST_LOG_NU) / (_HIGHEST_LOG_NU - _LOWEST_LOG_NU) - 1, coefficients)
+    height = _compute_mean_log_density(np.exp(log_nu), components, mean_log)
+    k = int(np.clip(np.argmax(height), 1, len(height) - 2))
+    rise, bend = ((height[k + 1] - height[k - 1]) / 2, height[k + 1] - 2 * height[k] + height[k - 1])
     peak_offset = np.clip(-rise / bend, -1, 1) if bend < 0 else np.sign(rise)  # of the parabola through three points
-    return float(np.exp(log_nu[peak_index] + peak_offset * (log_nu[1] - log_nu[0])))
+    return float(np.exp(log_nu[k] + peak_offset * (log_nu[1] - log_nu[0])))
 
 
 #: The fit of many sources goes by Newton's steps, from so many on from that of a sample: of so many at least, and so

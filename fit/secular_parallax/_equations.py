@@ -117,9 +117,9 @@ class ParallaxEquations:
         spread, excess_noise = np.broadcast_arrays(spread, excess_noise)
         squared_scatters = np.stack([np.ravel(spread), np.ravel(excess_noise)]) ** 2
         n_variances, n = squared_scatters.shape[1], self.n_data // 2
-        n_far_columns = self.design.shape[1] + 1
+        size = self.design.shape[1] + 1
         n_near = 0 if self.flow is None else len(self.flow.lon)
-        far_row_numbers = np.r_[n_near:n, n + n_near : 2 * n]
+        far_rows = np.r_[n_near:n, n + n_near : 2 * n]
 
         def weighted_gram(row_numbers, flow_columns):
             base_variance = self.variance[row_numbers, None] + self.left[row_numbers, None] * ratio**2
@@ -132,21 +132,18 @@ class ParallaxEquations:
             return weighted_gram(np.r_[chunk, slice(n + chunk.start, n + chunk.stop)], [self.flow.columns(chunk).T])
 
         def sum_far_chunk(chunk):
-            return weighted_gram(far_row_numbers[chunk], [])
+            return weighted_gram(far_rows[chunk], [])
 
-        n_columns = n_far_columns + (0 if self.modes is None else len(self.modes))
+        n_columns = size + (0 if self.modes is None else len(self.modes))
         gram: Any = np.zeros((n_variances, n_columns, n_columns))
         logdet: Any = np.zeros(n_variances)
-        far_block_size = max(64, 2**20 // max(55, n_variances))
-        jobs = (
-            (sum_near_chunk, n_near, _NEAR_BLOCK_SIZE, n_columns),
-            (sum_far_chunk, far_row_numbers.size, far_block_size, n_far_columns),
-        )
+        far_size = max(64, 2**20 // max(55, n_variances))
+        jobs = ((sum_near_chunk, n_near, _NEAR_BLOCK_SIZE, n_columns), (sum_far_chunk, far_rows.size, far_size, size))
         for sum_chunk, n_indices, block_size, width in jobs:
             for block, block_logdet in map_blocks(sum_chunk, n_indices, block_size, threads):
                 gram[:, :width, :width] += block
                 logdet += block_logdet
-        column_order = np.r_[: n_far_columns - 1, n_far_columns:n_columns, n_far_columns - 1]  # the motion last
+        column_order = np.r_[: size - 1, size:n_columns, size - 1]  # the motion last
         gram = gram[:, column_order[:, None], column_order].reshape(*spread.shape, len(column_order), len(column_order))
         logdet_grid: Any = logdet.reshape(spread.shape)
         return ParallaxSums(gram[..., :-1, :-1], gram[..., :-1, -1], gram[..., -1, -1], logdet_grid, self.n_data)
@@ -486,24 +483,22 @@ class Amplitudes:
 
 def marginalise_flow(sums: ParallaxSums, width: int) -> tuple[ParallaxSums, Amplitudes]:
     """The modes marginalised: normal equations of what is left, and the modes given that."""
-    parameter_slice, mode_slice = slice(0, width), slice(width, None)
+    parameters, modes = slice(0, width), slice(width, None)
     matrix, rhs = sums.matrix, sums.rhs
-    mode_matrix = matrix[..., mode_slice, mode_slice]
-    cholesky_root = np.linalg.cholesky(mode_matrix)
+    inner = matrix[..., modes, modes]
+    cholesky_root = np.linalg.cholesky(inner)
     logdet = 2 * np.log(np.einsum("...ii->...i", cholesky_root)).sum(-1)
-    slope_and_mean = np.linalg.solve(
-        mode_matrix, np.concatenate([matrix[..., mode_slice, parameter_slice], rhs[..., mode_slice, None]], axis=-1)
-    )
-    slope, mean = slope_and_mean[..., :-1], slope_and_mean[..., -1]
-    cross_matrix = matrix[..., parameter_slice, mode_slice]
+    solution = np.linalg.solve(inner, np.concatenate([matrix[..., modes, parameters], rhs[..., modes, None]], axis=-1))
+    slope, mean = solution[..., :-1], solution[..., -1]
+    cross_matrix = matrix[..., parameters, modes]
     marginal = ParallaxSums(
-        matrix[..., parameter_slice, parameter_slice] - cross_matrix @ slope,
-        rhs[..., parameter_slice] - np.einsum("...ij,...j->...i", cross_matrix, mean),
-        sums.chi2_null - np.einsum("...i,...i->...", rhs[..., mode_slice], mean),
+        matrix[..., parameters, parameters] - cross_matrix @ slope,
+        rhs[..., parameters] - np.einsum("...ij,...j->...i", cross_matrix, mean),
+        sums.chi2_null - np.einsum("...i,...i->...", rhs[..., modes], mean),
         sums.logdet + logdet,
         sums.n_data,
     )
-    covariance = np.asarray(np.linalg.inv(mode_matrix) if mode_matrix.ndim == 2 else (), float)
+    covariance = np.asarray(np.linalg.inv(inner) if inner.ndim == 2 else (), float)
     return marginal, Amplitudes(mean, slope, covariance)
 
 

@@ -159,17 +159,13 @@ def _make_solver_and_dispersions(
         make_local_group_measurement(local_group, equations),
         equations.sums(dispersion * ratio, excess_noise, ratio=ratio),
     )
-    omitted_flow, preferred_dispersion = equations.left_out, None
-    omitted_flow_sums = (
-        None if omitted_flow is None else omitted_flow.sums(dispersion * ratio, excess_noise, equations.n_data // 2)
-    )
+    omitted, preferred_dispersion = equations.left_out, None
+    left_out = None if omitted is None else omitted.sums(dispersion * ratio, excess_noise, equations.n_data // 2)
     if preferred and isinstance(equations, ParallaxEquations):
         preferred_dispersion = find_preferred_dispersion(equations, dispersion, excess_noise, acceleration, ratio, spin)
-    solver_options = {"spin": spin, "equations": equations, "acceleration": acceleration, "ratio": ratio}
-    solve_equations = partial(
-        solve_for_parameters, sums, **solver_options, local_group_measurement=group, omitted_flow_sums=omitted_flow_sums
-    )
-    return solve_equations, {"preferred": preferred_dispersion, "peculiar_dispersion": dispersion}
+    known = {"spin": spin, "equations": equations, "acceleration": acceleration, "ratio": ratio}
+    solve = partial(solve_for_parameters, sums, **known, local_group_measurement=group, omitted_flow_sums=left_out)
+    return solve, {"preferred": preferred_dispersion, "peculiar_dispersion": dispersion}
 
 
 @arguments.accepts(field=arguments.a(Field, Parts), hubble=arguments.positive, excess_noise=arguments.not_negative)

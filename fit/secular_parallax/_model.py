@@ -149,16 +149,14 @@ class DistanceModel(InNotebook):
         calibration = self._calibrate_distances(field, theory)
         limits = calibration.flow_limits
         modes = None if theory is None else make_flow_modes_within(limits, calibration.cosmology, theory, self.n_modes)
-        equation_options: dict[str, Any] = {"ratio": ratio, "apart": apart, "threads": threads}
-        equations = make_parallax_equations(
-            field, calibration, theory=theory, modes=modes, reconstruction=self.reconstruction, **equation_options
+        keywords: dict[str, Any] = {"ratio": ratio, "apart": apart, "threads": threads}
+        rows = make_parallax_equations(
+            field, calibration, theory=theory, modes=modes, reconstruction=self.reconstruction, **keywords
         )
         if theory is None and flow_left_out:
             extra = make_flow_modes_within(limits, calibration.cosmology, LINEAR_PLANCK18, _N_OMITTED_MODES)
-            equations = replace(
-                equations, left_out=None if extra is None else OmittedFlow(field, calibration, extra, equation_options)
-            )
-        return equations
+            rows = replace(rows, left_out=None if extra is None else OmittedFlow(field, calibration, extra, keywords))
+        return rows
 
     def _calibrate_distances(self, field, theory) -> Calibration:
         radial_dispersion = self.dispersion if theory is None else float(np.hypot(self.dispersion, theory.sigma))

@@ -230,11 +230,9 @@ def _summarise_dispersion_likelihood(log_likelihood: FloatArray, assumed_dispers
     fine_log_likelihoods = log_likelihood_curve(dispersions)
     best_index = int(np.argmax(fine_log_likelihoods))
     cumulative = np.cumsum(np.exp(fine_log_likelihoods - fine_log_likelihoods[best_index]))
-    lower_dispersion, upper_dispersion = np.interp([0.15865525, 0.84134475], cumulative / cumulative[-1], dispersions)
+    lower, upper = np.interp([0.15865525, 0.84134475], cumulative / cumulative[-1], dispersions)
     gain = fine_log_likelihoods[best_index] - float(log_likelihood_curve(min(assumed_dispersion, GRID[-1])))
-    return PreferredDispersion(
-        float(dispersions[best_index]), float(lower_dispersion), float(upper_dispersion), float(max(gain, 0.0))
-    )
+    return PreferredDispersion(float(dispersions[best_index]), float(lower), float(upper), float(max(gain, 0.0)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

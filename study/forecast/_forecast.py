@@ -163,10 +163,8 @@ def _average_errors_by_information(sigma):
 @lru_cache(maxsize=1)
 def _draw_crf3_magnitudes_and_factors():
     """Magnitudes of Gaia-CRF3's quasars, and factors on their errors: information to half a per cent."""
-    n_five_parameter, n_six_parameter = (count // 8 for count in CRF3_COUNTS.values())
-    return draw_crf3_magnitudes(n_five_parameter, n_six_parameter, 1), np.where(
-        np.arange(n_five_parameter + n_six_parameter) < n_five_parameter, 1.0, SIX_PARAMETERS
-    )
+    five, six = (count // 8 for count in CRF3_COUNTS.values())
+    return draw_crf3_magnitudes(five, six, 1), np.where(np.arange(five + six) < five, 1.0, SIX_PARAMETERS)
 
 
 _N_QUASARS, _N_GALAXIES = sum(CRF3_COUNTS.values()), 100_000
@@ -506,7 +504,5 @@ def _compute_galaxy_sample_errors(survey, galaxy_sample, dispersion, n_each):
 
 def _predict_velocity_and_hubble_errors(galaxy_sample, errors, **options):
     field = Field(galaxy_sample.lon, galaxy_sample.lat, np.zeros_like(errors), errors, redshift=galaxy_sample.redshift)
-    velocity_solution, hubble_solution = predict_velocity(
-        field, 67.3, peculiar_dispersion=_NO_DISPERSION, left_out=False, **options
-    )
-    return float(np.sqrt(np.trace(velocity_solution.velocity.covariance) / 3)), float(hubble_solution.hubble_error)
+    velocity, hubble = predict_velocity(field, 67.3, peculiar_dispersion=_NO_DISPERSION, left_out=False, **options)
+    return float(np.sqrt(np.trace(velocity.velocity.covariance) / 3)), float(hubble.hubble_error)

@@ -242,21 +242,16 @@ def compare_classes(quasars: Quasars, classes: Classes, rng: Rng = 1, lmax: int 
     DegeneracyError
         If fewer than two classes have enough sources.
     """
-    eligible_classes = classes.of_at_least(MIN_CLASS_SIZE)
-    if len(eligible_classes) < 2:
+    eligible = classes.of_at_least(MIN_CLASS_SIZE)
+    if len(eligible) < 2:
         counts = ", ".join(f"{name}: {mask.sum()}" for name, mask in classes)
         raise DegeneracyError(f"fewer than two classes have {MIN_CLASS_SIZE} sources or more ({counts})")
-    shared_degree = degree_for(min(mask.sum() for _, mask in eligible_classes), _CLASS_DEGREE, least=3, per_mode=4)
-    normals = [quasars.equations(mask, shared_degree) for _, mask in eligible_classes]
-    plain_solutions = [solve(quasars.plain_equations(mask, lmax or shared_degree)) for _, mask in eligible_classes]
-    extended_normals = extend_degrees(normals, quasars.equations, [mask for _, mask in eligible_classes])
+    degree = degree_for(min(mask.sum() for _, mask in eligible), _CLASS_DEGREE, least=3, per_mode=4)
+    normals = [quasars.equations(mask, degree) for _, mask in eligible]
+    plain_solutions = [solve(quasars.plain_equations(mask, lmax or degree)) for _, mask in eligible]
+    extensions = extend_degrees(normals, quasars.equations, [mask for _, mask in eligible])
     comparison = shared(
-        extended_normals,
-        range(2, shared_degree + 1),
-        labels=eligible_classes.labels,
-        draws=_N_DRAWS,
-        noise_scale=quasars.is_scaled,
-        rng=rng,
+        extensions, range(2, degree + 1), labels=eligible.labels, draws=_N_DRAWS, noise_scale=quasars.is_scaled, rng=rng
     )
     return Comparison(plain_solutions, comparison)
 
@@ -294,12 +289,10 @@ def measure_shift_by_degree(
     """
     normal = normal_equations(field, high_degree)
     modes = normal.modes
-    low_indices = np.flatnonzero(modes.degrees <= low_degree)
-    glide_rows = np.arange(len(modes))[modes.slice_of("S", 1)]
-    high_estimator, low_estimator = np.linalg.inv(normal.matrix)[glide_rows], np.zeros((3, len(modes)))
-    low_estimator[:, low_indices] = np.linalg.inv(normal.matrix[np.ix_(low_indices, low_indices)])[
-        np.searchsorted(low_indices, glide_rows)
-    ]
+    indices = np.flatnonzero(modes.degrees <= low_degree)
+    rows = np.arange(len(modes))[modes.slice_of("S", 1)]
+    high_estimator, low_estimator = np.linalg.inv(normal.matrix)[rows], np.zeros((3, len(modes)))
+    low_estimator[:, indices] = np.linalg.inv(normal.matrix[np.ix_(indices, indices)])[np.searchsorted(indices, rows)]
     m = np.linalg.inv(FIRST_DEGREE) @ (high_estimator - low_estimator)
     solution = solve(normal)
     if floor is None:

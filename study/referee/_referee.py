@@ -128,28 +128,26 @@ class Referee(InNotebook):
 
     def _make_checks_section(self, long):
         """The checks with their p-values; short, those with the smallest."""
-        made_checks = sorted(
+        tests = sorted(
             (check for check in self.checks if not check.lacking),
             key=lambda check: (np.isnan(check.p_value), check.p_value),
         )
-        listed_checks = self.checks if long else made_checks[:_N_LISTED]
+        selection = self.checks if long else tests[:_N_LISTED]
         columns = {
-            "check": [check.question for check in listed_checks],
-            "p_value": [check.p_value for check in listed_checks],
-            "p_value, formal errors": [check.at_face_value for check in listed_checks],
-            "answer": [f"not tested: {check.lacking}" if check.lacking else check.answer for check in listed_checks],
+            "check": [check.question for check in selection],
+            "p_value": [check.p_value for check in selection],
+            "p_value, formal errors": [check.at_face_value for check in selection],
+            "answer": [f"not tested: {check.lacking}" if check.lacking else check.answer for check in selection],
         }
         remarks = []
         if not long:
-            n_untested = len(self.checks) - len(made_checks)
+            n_untested = len(self.checks) - len(tests)
             suffix = (
-                f"; besides these {len(made_checks)}, {n_untested} could not be made (--long lists the reasons)"
+                f"; besides these {len(tests)}, {n_untested} could not be made (--long lists the reasons)"
                 if n_untested
                 else ""
             )
-            remarks = [
-                f"Listed are the {len(listed_checks)} of {len(made_checks)} checks with the smallest p-values{suffix}."
-            ]
+            remarks = [f"Listed are the {len(selection)} of {len(tests)} checks with the smallest p-values{suffix}."]
         return Section(
             "Checks; p-values include systematic errors except in the column of formal errors",
             (),

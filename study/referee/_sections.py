@@ -124,12 +124,9 @@ def _check_method_dependence(quasars, rng) -> dict[str, Any]:
 
 def _check_single_source(quasars) -> dict[str, Any]:
     field = quasars.field
-    row, move_in_errors, p_value = find_most_influential_source(field, degree_for(len(field), 3))
+    row, size, p = find_most_influential_source(field, degree_for(len(field), 3))
     name = f"row {row}" if field.name is None else one_line_text(field.name[row])
-    return {
-        "answer": f"the most influential source, {name}, changes it by {move_in_errors:.2f} standard errors",
-        "p_value": p_value,
-    }
+    return {"answer": f"the most influential source, {name}, changes it by {size:.2f} standard errors", "p_value": p}
 
 
 def _check_earlier_release(quasars, earlier, rng) -> dict[str, Any]:
@@ -361,22 +358,20 @@ def _repeat_expansion(inputs: AnalysisInput) -> dict[str, Any]:
         normals, [float(z[mask].mean()) for mask in masks], degrees=range(2, degree + 1), labels=classes.labels,
         noise_scale=quasars.is_scaled, rng=inputs.rng,
     )  # fmt: skip
-    plain_expansions = [expansion(solve(quasars.plain_equations(mask, 2))) for mask in masks]
+    plain = [expansion(solve(quasars.plain_equations(mask, 2))) for mask in masks]
     rows = [
         Row(f"|Σ|, {label} [µas/yr]", theirs=Value(plain_shear.norm), shared=Value(shear.limit(), kind="limit"))
-        for label, plain_shear, shear in zip(classes.labels, plain_expansions, comparison.shears, strict=True)
+        for label, plain_shear, shear in zip(classes.labels, plain, comparison.shears, strict=True)
     ]
-    smallest_index = min(range(len(comparison)), key=comparison.p_value)
+    smallest = min(range(len(comparison)), key=comparison.p_value)
     rows += [
         _make_p_value_row(
-            f"no expansion, {classes.labels[smallest_index]}",
-            plain_expansions[smallest_index].p_value,
-            comparison.p_value(smallest_index),
+            f"no expansion, {classes.labels[smallest]}", plain[smallest].p_value, comparison.p_value(smallest)
         ),
         _make_p_value_row("the same in all bins", float("nan"), comparison.equality()),
         _make_p_value_row("no growth with redshift", float("nan"), comparison.growth()),
     ]
-    p_value = min(1.0, len(comparison) * comparison.p_value(smallest_index))
+    p_value = min(1.0, len(comparison) * comparison.p_value(smallest))
     growth_text = format_verdict(comparison.growth(), "no growth with redshift", "it changes with redshift")
     expansion_text = format_verdict(
         p_value, "no anisotropic expansion beyond systematic errors", "the expansion differs from axis to axis"

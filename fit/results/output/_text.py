@@ -149,7 +149,7 @@ def vectors_table(solution: Any) -> Table:
     where the vector is not detected; fitted_lon and fitted_lat are there always.
     """
     vectors, formal = vectors_of(solution), vectors_of(solution.formal)
-    length_columns = ("amplitude", "amplitude_error", "debiased_amplitude", "low_68", "high_68", "limit_95")
+    lengths = ("amplitude", "amplitude_error", "debiased_amplitude", "low_68", "high_68", "limit_95")
     angle_columns = ("lon", "lat", "lon_error", "lat_error", "fitted_lon", "fitted_lat")
     rows = [
         (
@@ -169,13 +169,11 @@ def vectors_table(solution: Any) -> Table:
         for name, v in vectors.items()
     ]
     axes = ("x", "y", "z")
-    component_columns = (*axes, *(f"sigma_{axis}" for axis in axes), *(f"formal_sigma_{axis}" for axis in axes))
-    covariance_columns = ("cov_xy", "cov_xz", "cov_yz")
-    column_names = (*component_columns, *covariance_columns, *length_columns, *angle_columns, "p_value")
+    components = (*axes, *(f"sigma_{axis}" for axis in axes), *(f"formal_sigma_{axis}" for axis in axes))
+    products = ("cov_xy", "cov_xz", "cov_yz")
+    column_names = (*components, *products, *lengths, *angle_columns, "p_value")
     values = np.array(rows, float).reshape(-1, len(column_names)).T
-    units = dict.fromkeys((*component_columns, *length_columns), solution.unit) | dict.fromkeys(
-        covariance_columns, square_of(solution.unit)
-    )
+    units = dict.fromkeys((*components, *lengths), solution.unit) | dict.fromkeys(products, square_of(solution.unit))
     units |= dict.fromkeys(angle_columns, "deg")
     meta = {
         "frame": solution.frame,
