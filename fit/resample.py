@@ -105,9 +105,7 @@ class ResampledFit(AboutSolution):
 #: coefficients, and 1.08, 0.98 and 0.89 if 30 sources have all the weight in a fit of 16 coefficients.
 _LEVERAGE_POWER = 0.75
 #: Table of Poisson numbers with mean 1, minus that mean, indexed by 16 random bits; their variance is 0.99997.
-_POISSON_DEVIATIONS = (
-    np.searchsorted(gammaincc(np.arange(1, 13), 1.0), (np.arange(2**16) + 0.5) / 2**16).astype(np.float32) - 1
-)
+_POISSON = np.searchsorted(gammaincc(np.arange(1, 13), 1.0), (np.arange(2**16) + 0.5) / 2**16).astype(np.float32) - 1
 
 
 @log_calls("bootstrap")
@@ -187,7 +185,7 @@ def _sum_drawn_scores(
         # Single precision relative to the largest score: the error is a millionth of the scatter of the draws.
         largest_scores = np.abs(scores).max(1, keepdims=True)
         scores /= np.where(largest_scores > 0, largest_scores, 1.0)
-        excess_draws = _POISSON_DEVIATIONS[rng.integers(0, 2**16, (n_replicates, len(sources)), dtype=np.uint16)]
+        excess_draws = _POISSON[rng.integers(0, 2**16, (n_replicates, len(sources)), dtype=np.uint16)]
         return (excess_draws @ scores.T.astype(np.float32)).astype(float) * largest_scores.T
 
     chunk_size = max(64, min(2**24 // n_replicates, 2**22 // len(solution.modes)))

@@ -12,7 +12,7 @@ import numpy as np
 
 from vsh.field import Field
 from vsh.io.parts import Parts
-from vsh.sky.frames import check_frame, format_frame_name, rotation_matrix
+from vsh.sky.frames import check_frame, rotation_matrix, title_of
 from vsh.sky.sphere import triad
 from vsh.tools.errors import DegeneracyError, EmptyFieldError, ParameterError
 from vsh.tools.notebook import InNotebook
@@ -157,9 +157,7 @@ class Classes(InNotebook):
     def by_halves(cls, frame: str) -> Classes:
         """The two halves of the sky beside the equator of a `frame`: "icrs", "galactic", "ecliptic"."""
         check_frame(frame)
-        return cls(
-            (f"northern {format_frame_name(frame)} half", f"southern {format_frame_name(frame)} half"), frame=frame
-        )
+        return cls((f"northern {title_of(frame)} half", f"southern {title_of(frame)} half"), frame=frame)
 
     @classmethod
     def from_text(cls, text: str) -> Classes:

@@ -507,7 +507,7 @@ def _format_answer_lines(results):
         lines.append(("H0", _format_least_squares_hubble(results["hubble"])))
     if "velocity" in results:
         solution = results["velocity"]
-        if doubt := fit.secular_parallax.describe_implausible_speed(solution.velocity):
+        if doubt := fit.secular_parallax.doubt_speed(solution.velocity):
             lines.insert(0, ("doubt", doubt))
         text = f"{fit.output.words_of(solution.velocity)}, for H0 = {solution.assumed_hubble:g} km/s/Mpc"
         lines.append(("velocity", text))

@@ -24,7 +24,7 @@ from vsh.figures.plot import (
 )
 from vsh.io.quantities import symbol
 from vsh.modes import KINDS
-from vsh.sky.frames import format_frame_name
+from vsh.sky.frames import title_of
 from vsh.sky.pixels import smooth_map
 from vsh.tools.types import Axes, AxesArray, FloatArray, OnAxes
 
@@ -45,7 +45,7 @@ def plot_matrix(correlations: Any, *, ax: Axes | None = None) -> Axes:
         axes.set_title(f"above the diagonal: {correlations.labels[0]}\nbelow: {correlations.labels[1]}")
     else:
         axes.set_title(correlations.labels[0])
-    colour_bar(axes, image, f"correlation ({format_frame_name(correlations.frame)} axes)")
+    colour_bar(axes, image, f"correlation ({title_of(correlations.frame)} axes)")
     return axes
 
 

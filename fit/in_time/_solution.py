@@ -337,7 +337,7 @@ class TimeSolution(Result):
         columns: dict[str, Any] = {"function": np.repeat(self.functions.names, p).tolist()}
         columns |= {name: list(values) * f for name, values in mode_columns.items()}
         columns |= {"value": self.values.ravel(), "sigma": self.sigma.ravel(), "seen": self.seen.ravel()}
-        return tables.table_of(columns, self._collect_header_facts(), {"value": "uas", "sigma": "uas"})
+        return tables.table_of(columns, self._plain_facts(), {"value": "uas", "sigma": "uas"})
 
     def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """Powers by function and degree, on matplotlib axes."""

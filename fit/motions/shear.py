@@ -219,7 +219,7 @@ class Shear(Result):
     def to_table(self) -> Table:
         """A row for each component, as an astropy Table."""
         columns = {"component": list(_COMPONENT_NAMES), "value": self.values, "sigma": self.sigma}
-        return tables.table_of(columns, self._collect_header_facts(), dict.fromkeys(("value", "sigma"), "uas / yr"))
+        return tables.table_of(columns, self._plain_facts(), dict.fromkeys(("value", "sigma"), "uas / yr"))
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """The motions and the principal axes on the sky, on matplotlib axes."""
@@ -382,7 +382,7 @@ class ShearByClass(Result):
             rate = (shear.eigenvalues[0], shear.eigenvalue_errors[0])
             rows.append((label, place, n, shear.norm, shear.limit(), shear.p_value, formal, *rate, lon % 360, lat))
         units = dict.fromkeys(("norm", "limit_95", "rate", "rate_error"), "uas / yr") | {"l": "deg", "b": "deg"}
-        return tables.table_of_rows(column_names.split(), rows, self._collect_header_facts(), units)
+        return tables.table_of_rows(column_names.split(), rows, self._plain_facts(), units)
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """|Σ| of the classes with limits, and what systematic errors alone would show, on matplotlib axes."""

@@ -345,7 +345,7 @@ class Correlation(Result):
         names = ("theta", "plus", "sigma_plus", "minus", "sigma_minus", "weight", "n_pairs")
         columns = {name: getattr(self, name) for name in names}
         units = {"theta": "rad"} | dict.fromkeys(names[1:5], "uas2 / yr2")
-        return tables.table_of(columns, self._collect_header_facts(), units)
+        return tables.table_of(columns, self._plain_facts(), units)
 
     def plot(self, fit: TemplateFit | None = None, *, ax: OnAxes | None = None) -> AxesArray:
         """ξ± with errors, the curve of fitted templates, and the pairs in each bin, on matplotlib axes.

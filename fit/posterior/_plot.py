@@ -12,7 +12,7 @@ from fit.posterior._priors import UNITS
 from fit.posterior._sampling import Normal
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, figure_of, panels
 from vsh.io.quantities import symbol
-from vsh.sky.frames import format_frame_name
+from vsh.sky.frames import title_of
 from vsh.tools.digits import decimals_of_error
 from vsh.tools.errors import ParameterError
 from vsh.tools.printing import import_quietly
@@ -90,7 +90,7 @@ def plot_corner(
         handles.append(Line2D([], [], color="0.4", linestyle="--", linewidth=0.8, label="prior on $H_0$"))
     if handles and k > 1:
         figure.legend(handles=handles, loc="upper right", bbox_to_anchor=(0.98, 0.93))
-    figure.suptitle(f"{format_frame_name(posterior.frame)} axes, velocity toward the apex", x=0.98, ha="right")
+    figure.suptitle(f"{title_of(posterior.frame)} axes, velocity toward the apex", x=0.98, ha="right")
     return subplots
 
 

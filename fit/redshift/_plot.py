@@ -6,7 +6,7 @@ import numpy as np
 
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, figure_of, legend_above, panels, set_log_ticks
 from vsh.models.cosmology import FLOW_LIMIT, transverse_distance, velocity_in_frame
-from vsh.sky.frames import format_frame_name
+from vsh.sky.frames import title_of
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, AxesArray, OnAxes
 from vsh.tools.units import AU_PER_YEAR
@@ -51,7 +51,7 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: OnAx
             axes.set_xlim(lower / 1.2, edges[-1] * 1.2)
             set_log_ticks(axes.xaxis, lower, edges[-1])
     figure_of(axes_array).suptitle(
-        f"{binned.counts.sum()} sources in {len(binned)} bins; {format_frame_name(binned.frame)} axes"
+        f"{binned.counts.sum()} sources in {len(binned)} bins; {title_of(binned.frame)} axes"
     )
     return axes_array
 

@@ -37,22 +37,20 @@ from vsh.tools.types import PathName, Table
 __all__ = ["Result", "read"]
 
 
-def is_same_value(first: Any, second: Any) -> bool:
+def is_same(first: Any, second: Any) -> bool:
     """Return whether two values, arrays and sequences of them among them, are equal; nan equals nan."""
     if isinstance(first, np.ndarray) or isinstance(second, np.ndarray):
         first, second = np.asarray(first), np.asarray(second)
         return first.shape == second.shape and np.array_equal(first, second, equal_nan=first.dtype.kind == "f")
     if isinstance(first, (list, tuple)) and isinstance(second, (list, tuple)):
         is_same_kind = getattr(first, "_fields", None) == getattr(second, "_fields", None)
-        return is_same_kind and len(first) == len(second) and all(map(is_same_value, first, second))
+        return is_same_kind and len(first) == len(second) and all(map(is_same, first, second))
     if isinstance(first, dict) and isinstance(second, dict):
-        return [*first] == [*second] and all(is_same_value(first[key], second[key]) for key in first)
+        return [*first] == [*second] and all(is_same(first[key], second[key]) for key in first)
     if isinstance(first, float) and isinstance(second, float) and np.isnan(first):
         return bool(np.isnan(second))
     if is_dataclass(first) and not isinstance(first, type) and type(first) is type(second):
-        return all(
-            is_same_value(getattr(first, name), getattr(second, name)) for name in _list_attributes(type(first)) or ()
-        )
+        return all(is_same(getattr(first, name), getattr(second, name)) for name in _list_attributes(type(first)) or ())
     return bool(first == second)
 
 
@@ -219,7 +217,7 @@ class Result(Frozen):
     def to_table(self) -> Table:
         """The result as an astropy Table: the columns that `write` writes."""
         columns, _, units = self._pack()
-        return tables.table_of(columns, self._collect_header_facts(), units)
+        return tables.table_of(columns, self._plain_facts(), units)
 
     def summary(self) -> Table:
         """The result as an astropy Table: `to_table`."""
@@ -248,7 +246,7 @@ class Result(Frozen):
         panels = [page.facts_panel(answer.lines), *map(page.section_panel, self.sections())]
         return "\n".join(panel.html for panel in panels)
 
-    def _collect_header_facts(self):
+    def _plain_facts(self):
         """Facts for the header of the table."""
         facts = {"frame": getattr(self, "frame", None), "n_data": getattr(self, "n_data", None)}
         return {key: value for key, value in facts.items() if isinstance(value, str | int)}
@@ -295,7 +293,7 @@ class Result(Frozen):
         check_overwrite_allowed(path, overwrite)
         columns, metadata, units = self._pack()
         result_mark = json.dumps({"type": type(self).__name__, "module": type(self).__module__} | metadata)
-        header_facts = self._collect_header_facts()
+        header_facts = self._plain_facts()
         if getattr(self, "notes", None) and tables.format_of(path) == "ascii.ecsv":  # a FITS header has no lists
             header_facts["notes"] = list(map(str, getattr(self, "notes", ())))
         tables.write_columns(path, columns, header_facts | (meta or {}) | {RESULT_MARK: result_mark}, units, overwrite)
@@ -326,9 +324,7 @@ class Result(Frozen):
         """Return whether two results are of one kind and the same in every number."""
         if type(other) is not type(self):
             return NotImplemented
-        return all(
-            is_same_value(getattr(self, entry.name), getattr(other, entry.name)) for entry in fields(cast(Any, self))
-        )
+        return all(is_same(getattr(self, entry.name), getattr(other, entry.name)) for entry in fields(cast(Any, self)))
 
     def __hash__(self) -> int:
         return hash((type(self).__name__, repr(self)))
@@ -397,7 +393,7 @@ def _check_packed_columns(result, read_columns, table):
     if set(packed_columns) != set(read_columns):
         raise TableError(f"columns {', '.join(sorted(set(packed_columns) ^ set(read_columns)))}")
     for name, values in packed_columns.items():
-        if not is_same_value(np.asarray(values).astype(read_columns[name].dtype), read_columns[name]):
+        if not is_same(np.asarray(values).astype(read_columns[name].dtype), read_columns[name]):
             raise TableError(f"column {name} does not go with the others")
         unit, expected_unit = table[name].unit, units.get(name)
         if (unit is None) != (expected_unit is None) or (expected_unit is not None and unit != Unit(expected_unit)):

@@ -30,12 +30,7 @@ from fit.secular_parallax._estimate import (
     warn_of_undeclared_redshift_frame,
 )
 from fit.secular_parallax._model import ASSUMED, LEFT_DISPERSION, DistanceModel, make_flow_modes_within
-from fit.secular_parallax._solution import (
-    HubbleSolution,
-    ParallaxSolution,
-    VelocitySolution,
-    describe_implausible_speed,
-)
+from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution, doubt_speed
 
 __all__ = [
     "DistanceModel",

@@ -582,7 +582,7 @@ def _take_subsample(field, share):
     return field[is_selected] if is_selected.any() else field[:1]
 
 
-def solve_for_parameters(
+def solve_for(
     sums: ParallaxSums,
     to_u: FloatArray,
     names: tuple[str, ...],

@@ -14,15 +14,7 @@ import numpy as np
 
 from fit.distances import declared_frame, has_distance_or_parallax
 from fit.results.storage import Result
-from fit.secular_parallax._equations import (
-    OMEGA,
-    A,
-    LocalGroup,
-    ParallaxEquations,
-    ParallaxParts,
-    U,
-    solve_for_parameters,
-)
+from fit.secular_parallax._equations import OMEGA, A, LocalGroup, ParallaxEquations, ParallaxParts, U, solve_for
 from fit.secular_parallax._model import DistanceModel, make_distance_model
 from fit.secular_parallax._solution import HubbleSolution, VelocitySolution, find_preferred_dispersion
 from vsh.field import Field
@@ -164,7 +156,7 @@ def _make_solver_and_dispersions(
     if preferred and isinstance(equations, ParallaxEquations):
         preferred_dispersion = find_preferred_dispersion(equations, dispersion, excess_noise, acceleration, ratio, spin)
     known = {"spin": spin, "equations": equations, "acceleration": acceleration, "ratio": ratio}
-    solve = partial(solve_for_parameters, sums, **known, local_group_measurement=group, omitted_flow_sums=left_out)
+    solve = partial(solve_for, sums, **known, local_group_measurement=group, omitted_flow_sums=left_out)
     return solve, {"preferred": preferred_dispersion, "peculiar_dispersion": dispersion}
 
 

@@ -41,7 +41,7 @@ from vsh.vector import Vector
 _FASTEST_PLAUSIBLE = 3000.0
 
 
-def describe_implausible_speed(velocity: Vector) -> str:
+def doubt_speed(velocity: Vector) -> str:
     """Ask for the units where a velocity is seen that is beyond any of ours; else nothing."""
     if not (is_seen(velocity) and velocity.amplitude > _FASTEST_PLAUSIBLE):
         return ""
@@ -327,7 +327,7 @@ class ParallaxSolution(NamedSolution):
         if quality.warning():
             remark = "; errors below are as quoted, p-values are given for both" if quality.factor > 1 else ""
             facts.append(("warning", f"{quality.warning()}{remark}"))
-        if is_velocity and (doubt := describe_implausible_speed(result.velocity)):
+        if is_velocity and (doubt := doubt_speed(result.velocity)):
             facts.append(("warning", doubt))
         facts += _list_velocity_facts(self, quality, long) if is_velocity else _list_hubble_facts(self, quality, truth)
         a = self.acceleration

@@ -256,9 +256,7 @@ class WaveSearch(Result):
         columns = {"lon": np.degrees(lon) % 360, "lat": np.degrees(lat)}
         columns |= {"statistic": self.statistic, "limit": self.limits}
         columns |= {f"amplitude_{i}": amplitude for i, amplitude in enumerate(self.amplitudes)}
-        return tables.table_of(
-            columns, self._collect_header_facts() | {"ORDERING": "RING"}, {"lon": "deg", "lat": "deg"}
-        )
+        return tables.table_of(columns, self._plain_facts() | {"ORDERING": "RING"}, {"lon": "deg", "lat": "deg"})
 
     def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """Plot maps of 2F and of the limits on matplotlib axes."""
@@ -451,9 +449,7 @@ class WaveSpectrum(Result):
             f"limit_{name}": limit for name, limit in zip(("low", "median", "high"), self.limits.T, strict=True)
         }
         columns["lost"] = self.lost
-        return tables.table_of(
-            columns, self._collect_header_facts(), {"lon": "deg", "lat": "deg", "frequency": "1 / yr"}
-        )
+        return tables.table_of(columns, self._plain_facts(), {"lon": "deg", "lat": "deg", "frequency": "1 / yr"})
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """Plot limits on the strain against frequency on matplotlib axes."""

@@ -239,7 +239,7 @@ def _make_size_or_limit(vector):
     return Value(vector.amplitude_limit(), kind="limit")
 
 
-def _make_p_value_row(quantity, formal_p_value, shared_p_value):
+def _make_p_row(quantity, formal_p_value, shared_p_value):
     return Row(f"p, {quantity}", theirs=Value(formal_p_value, kind="p"), shared=Value(shared_p_value, kind="p"))
 
 
@@ -279,7 +279,7 @@ def _repeat_reference_frame(inputs: AnalysisInput) -> dict[str, Any]:
     try:
         comparison = compare_classes(quasars, Classes.by_edges("G", _G_EDGES, quasars.column("G")), inputs.rng)
         p_values = comparison.compute_formal_p_value("T"), comparison.shared.equality("T")
-        rows.append(_make_p_value_row("bright and faint sources have the same spin", *p_values))
+        rows.append(_make_p_row("bright and faint sources have the same spin", *p_values))
         results["magnitudes"] = comparison.shared
     except VshError as error:
         remark = f"; bright and faint sources are not compared: {error}"
@@ -299,7 +299,7 @@ def _repeat_redshift_bins(inputs: AnalysisInput) -> dict[str, Any]:
 def _make_redshift_contents(comparison, published_text):
     verdict = comparison.verdict
     rows = [
-        _make_p_value_row(
+        _make_p_row(
             f"one {name} at all redshifts", comparison.compute_formal_p_value(kind), comparison.shared.equality(kind)
         )
         for kind, name in (("T", "spin"), ("S", "acceleration"))
@@ -337,7 +337,7 @@ def _make_quadrupole_row_and_p_values(quasars, headline):
         systematic_floor = floor(plain, range(3, plain.modes.lmax + 1))
         systematic_covariance = np.diag(systematic_floor.spectrum.variances(plain.modes)[plain.modes.degrees == 2])
         shared_p = _compute_chi2_p_value(values, covariance * systematic_floor.noise_scale**2 + systematic_covariance)
-    return _make_p_value_row("no quadrupole", formal_p_value, shared_p), formal_p_value, shared_p
+    return _make_p_row("no quadrupole", formal_p_value, shared_p), formal_p_value, shared_p
 
 
 def _compute_chi2_p_value(values, covariance):
@@ -365,11 +365,9 @@ def _repeat_expansion(inputs: AnalysisInput) -> dict[str, Any]:
     ]
     smallest = min(range(len(comparison)), key=comparison.p_value)
     rows += [
-        _make_p_value_row(
-            f"no expansion, {classes.labels[smallest]}", plain[smallest].p_value, comparison.p_value(smallest)
-        ),
-        _make_p_value_row("the same in all bins", float("nan"), comparison.equality()),
-        _make_p_value_row("no growth with redshift", float("nan"), comparison.growth()),
+        _make_p_row(f"no expansion, {classes.labels[smallest]}", plain[smallest].p_value, comparison.p_value(smallest)),
+        _make_p_row("the same in all bins", float("nan"), comparison.equality()),
+        _make_p_row("no growth with redshift", float("nan"), comparison.growth()),
     ]
     p_value = min(1.0, len(comparison) * comparison.p_value(smallest))
     growth_text = format_verdict(comparison.growth(), "no growth with redshift", "it changes with redshift")

@@ -53,7 +53,7 @@ def test_errors_are_the_scatter(method):
 
 def test_numbers_of_draws_are_poisson():
     """Their table has mean 1 and variance 0.99997 over all 2¹⁶ entries, and e⁻¹ of them are zero."""
-    draws = resample._POISSON_DEVIATIONS.astype(float) + 1
+    draws = resample._POISSON.astype(float) + 1
     assert draws.mean() == pytest.approx(1, abs=1e-4)
     assert draws.var() == pytest.approx(1, abs=1e-3)
     assert np.mean(draws == 0) == pytest.approx(np.exp(-1), abs=1e-4)

@@ -18,7 +18,7 @@ import sim
 import study
 from fit.correlation import leakage, predict_covariance
 from fit.redshift import binned
-from fit.results.storage import Result, is_same_value
+from fit.results.storage import Result, is_same
 from vsh import Coefficients, Field, Modes, Vector
 from vsh.io.catalogue import match, stream_fields
 from vsh.tools.errors import VshError
@@ -83,7 +83,7 @@ def test_nouns_travel(name, again):
     other = again(noun)
     assert type(other) is type(noun)
     pairs = list(zip(arrays(noun), arrays(other), strict=True))
-    assert all(is_same_value(one, two) for one, two in pairs)
+    assert all(is_same(one, two) for one, two in pairs)
     if name not in PLAIN:
         assert pairs
         assert not any(two.flags.writeable for one, two in pairs if not one.flags.writeable)
@@ -131,7 +131,7 @@ def test_process_pool_takes_fields_with_bad_rows(tmp_path):
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         total = sum(pool.map(fit.normal_equations, parts, [1, 1]))
     assert total.notes == ("left out 1 of 30 rows: proper motion not finite: 1",)
-    assert is_same_value(total.matrix, fit.normal_equations(parts, 1).matrix)
+    assert is_same(total.matrix, fit.normal_equations(parts, 1).matrix)
 
 
 def test_results_are_equal_where_their_numbers_are(tmp_path):

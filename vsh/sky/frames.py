@@ -34,7 +34,7 @@ MEASURED_KEY = "MEASURED"
 ANGLES = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}
 
 
-def format_frame_name(frame: str) -> str:
+def title_of(frame: str) -> str:
     """Name of a frame as it is written in figures and papers."""
     return frame.upper() if frame == "icrs" else frame
 

@@ -34,7 +34,7 @@ from vsh.io.parts import Parts, as_parts
 from vsh.io.quantities import symbol
 from vsh.modes import KINDS
 from vsh.scalars import ScalarField
-from vsh.sky.frames import format_frame_name
+from vsh.sky.frames import title_of
 from vsh.sky.pixels import pixels_of
 from vsh.tools.digits import format_with_error
 from vsh.tools.types import Axes, FloatArray
@@ -153,11 +153,11 @@ def plot_correlation(solution: Any, *, ax: Axes | None = None) -> Axes:
     if hasattr(solution, "coefficients"):
         names, matrix, degree_groups = _name_and_correlate_coefficients(solution)
         kinds = [f"{kind if len(names) > NAMED else kind.lower()}: {KIND_NAMES[kind]}" for kind in solution.modes.kinds]
-        title = "; ".join([*kinds * (solution.modes.lmax > 1), f"{format_frame_name(solution.frame)} axes"])
+        title = "; ".join([*kinds * (solution.modes.lmax > 1), f"{title_of(solution.frame)} axes"])
         axes.set_title(title)
     else:
         names, matrix, degree_groups = [symbol(name) for name in solution.names], solution.correlation, None
-        axes.set_title(f"{format_frame_name(solution.frame)} axes")
+        axes.set_title(f"{title_of(solution.frame)} axes")
     colour_bar(axes, draw_matrix(axes, matrix, names, degree_groups), "correlation")
     return axes
 

@@ -21,7 +21,7 @@ from vsh.io import tables
 from vsh.io.parts import Parts, sample_of
 from vsh.io.sections import Answer
 from vsh.scalars import ScalarField
-from vsh.sky.frames import AXES, format_frame_name
+from vsh.sky.frames import AXES, title_of
 from vsh.tools.arguments import choice
 from vsh.tools.digits import decimals_of_error, format_with_error, printed_p_value
 from vsh.tools.printing import latex_text
@@ -104,7 +104,7 @@ def _format_latex_caption(solution, answer):
     subject = " and ".join(names).capitalize()
     sentences = [
         f"{subject} of {solution.n_sources} {'sources' if solution.unit else 'values'}, "
-        f"{format_frame_name(solution.frame)} axes, degrees {solution.modes.lowest} to {solution.modes.lmax}, "
+        f"{title_of(solution.frame)} axes, degrees {solution.modes.lowest} to {solution.modes.lmax}, "
         f"χ²/dof = {solution.reduced_chi2:.3f}"
     ]
     sentences += [f"{label.capitalize() if label.islower() else label}: {text}" for label, text in answer.lines]

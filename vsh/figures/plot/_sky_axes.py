@@ -13,7 +13,7 @@ from matplotlib.patheffects import withStroke
 from scipy.spatial import cKDTree
 
 from vsh.figures.plot._style import DIVERGING, SEQUENTIAL, WIDTH, apply_style, colour_bar
-from vsh.sky.frames import ANGLES, check_frame, format_frame_name
+from vsh.sky.frames import ANGLES, check_frame, title_of
 from vsh.sky.pixels import pixels_of
 from vsh.sky.sphere import angles, triad
 from vsh.tools.arguments import choice, in_unit
@@ -180,7 +180,7 @@ def sky_axes(
     axes.coords.frame.set_linewidth(0.6)
     _draw_graticule(axes)
     names = ANGLES[frame]
-    label = f"{format_frame_name(frame)}: {names[0]} ←, {names[1]} ↑"
+    label = f"{title_of(frame)}: {names[0]} ←, {names[1]} ↑"
     axes.text(1.0, 0.0, label, transform=axes.transAxes, ha="right", va="bottom", fontsize=_SIZE, color="0.35")
     return axes
 
