@@ -103,7 +103,7 @@ class ResampledFit(AboutSolution):
 #: Power of (1 − leverage) by which residuals are divided, because residuals of sources with a high leverage are too
 #: small. With ½, ¾ and 1, rms pulls are 1.06, 0.92 and 0.80 if 100 sources have all the weight in a fit of 70
 #: coefficients, and 1.08, 0.98 and 0.89 if 30 sources have all the weight in a fit of 16 coefficients.
-_LEVERAGE_POWER = 0.75
+_POWER = 0.75
 #: Table of Poisson numbers with mean 1, minus that mean, indexed by 16 random bits; their variance is 0.99997.
 _POISSON = np.searchsorted(gammaincc(np.arange(1, 13), 1.0), (np.arange(2**16) + 0.5) / 2**16).astype(np.float32) - 1
 
@@ -178,9 +178,7 @@ def _sum_drawn_scores(
         # The seed follows from the sources, so that draws do not depend on the number of threads, parts or workers.
         digest = blake2b(sources.lon.tobytes() + sources.lat.tobytes(), digest_size=16).digest()
         rng = np.random.default_rng([seed, int.from_bytes(digest, "big")])
-        residuals = (
-            multiply_weights(sources.weights, solution.residuals(sources).data) / (1 - share[chunk]) ** _LEVERAGE_POWER
-        )
+        residuals = multiply_weights(sources.weights, solution.residuals(sources).data) / (1 - share[chunk]) ** _POWER
         scores = np.einsum("pkn,kn->pn", harmonics(sources.lon, sources.lat, solution.modes), residuals)
         # Single precision relative to the largest score: the error is a millionth of the scatter of the draws.
         largest_scores = np.abs(scores).max(1, keepdims=True)
@@ -246,14 +244,11 @@ def block_bootstrap(
             modes, (draw_counts @ matrices).reshape(p, p), draw_counts @ sides, 0.0, whole_sky.n_data, whole_sky.frame
         )
         replicate[:] = solve(replicate_equations).coefficients.values
-    covariance, dof = (
-        np.cov(replicates, rowvar=False),
-        _compute_block_scatter_dof([np.trace(normal.matrix) for normal in normals]),
-    )
-    return ResampledFit("block bootstrap", solution, replicates, covariance, scatter_dof=dof)
+    dof = _find_scatter_dof([np.trace(normal.matrix) for normal in normals])
+    return ResampledFit("block bootstrap", solution, replicates, np.cov(replicates, rowvar=False), scatter_dof=dof)
 
 
-def _compute_block_scatter_dof(block_weights):
+def _find_scatter_dof(block_weights):
     """Degrees of freedom of a scatter between blocks of unequal weight: their effective number less one."""
     return max(float(np.sum(block_weights) ** 2 / np.sum(np.square(block_weights)) - 1), 1e-3)
 
@@ -298,10 +293,9 @@ def jackknife(
         block_weights.append(np.trace(normal.matrix))
     deviations = replicates - replicates.mean(0)
     covariance = (n_blocks - 1) / n_blocks * deviations.T @ deviations
-    inverse_scatter_dof = 1 / _compute_block_scatter_dof(block_weights) - 1 / (
-        n_blocks - 1
-    )  # what unequal weights take from the degrees of freedom
-    scatter_dof = 1 / inverse_scatter_dof if inverse_scatter_dof > 1e-9 else np.inf
+    # Unequal weights take some of the degrees of freedom.
+    dof_loss = 1 / _find_scatter_dof(block_weights) - 1 / (n_blocks - 1)
+    scatter_dof = 1 / dof_loss if dof_loss > 1e-9 else np.inf
     return ResampledFit("jackknife", solve(whole_sky), replicates, covariance, scatter_dof=float(scatter_dof))
 
 
@@ -309,10 +303,8 @@ def _count_blocks_and_make_normals(field, modes, nside, progress):
     """Count the HEALPix blocks that contain sources, and iterate over their normal equations."""
     words, is_parts = f"blocks, nside {nside}", isinstance(field, Parts)
     if is_parts:
-        moments_by_block = field.sum(
-            partial(_sum_moments_by_block, modes=modes, nside=nside), roles=(), words=words, progress=progress
-        )
-        blocks = [moments_by_block[pixel] for pixel in sorted(moments_by_block)]
+        moments = field.sum(partial(_sum_by_block, modes=modes, nside=nside), roles=(), words=words, progress=progress)
+        blocks = [moments[pixel] for pixel in sorted(moments)]
     else:
         pixel_numbers = pixels_of(field.lon, field.lat, nside)
         order = np.argsort(pixel_numbers, kind="stable")
@@ -323,7 +315,7 @@ def _count_blocks_and_make_normals(field, modes, nside, progress):
     return len(blocks), (x.normal_equations() if is_parts else normal_equations(field[x], modes) for x in bar)
 
 
-def _sum_moments_by_block(field, modes, nside):
+def _sum_by_block(field, modes, nside):
     pixel_numbers = pixels_of(field.lon, field.lat, nside)
     return {int(pixel): Moments.of(field[pixel_numbers == pixel], modes) for pixel in np.unique(pixel_numbers)}
 

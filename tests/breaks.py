@@ -149,7 +149,7 @@ BREAKS = [
     ("fit/distances/_density.py", "np.argmax(cumulative_share > 0.99)", "np.argmax(cumulative_share > 0.9999999)", "test_flows_by_default.py"),
     ("fit/redshift/_solution.py", "rate[source_indices] ** 2 * (residual_variance + self.dispersion**2)", "rate[source_indices] ** 2 * residual_variance", "test_redshift.py"),
     ("fit/redshift/_solution.py", "+ (covariance - noise)", "", "test_flows_by_default.py"),
-    ("fit/resample.py", "_LEVERAGE_POWER = 0.75", "_LEVERAGE_POWER = 0.0", "test_resample.py"),
+    ("fit/resample.py", "_POWER = 0.75", "_POWER = 0.0", "test_resample.py"),
     ("fit/pairs/_correlation.py", "value / s2 + k, 0.0) / k", "value / s2, 0.0) / k", "test_pairs.py"),
     ("fit/frames/compare.py", "/ error_factor**2", "/ error_factor", "test_compare.py"),
     ("vsh/models/cosmology.py", "return np.sqrt(np.maximum(1 + curvature", "return np.sqrt(np.maximum(1 - curvature", "test_cosmology.py"),

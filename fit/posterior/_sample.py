@@ -22,9 +22,9 @@ from fit.secular_parallax import (
     ParallaxEquations,
     ParallaxParts,
     compute_flow_covariance,
-    make_local_group_measurement,
+    make_local_group,
     make_notes_on_local_group,
-    warn_of_undeclared_redshift_frame,
+    warn_of_undeclared_frame,
 )
 from vsh.field import MEASURED, Field
 from vsh.io import tables
@@ -58,10 +58,10 @@ def make_equations_and_priors(
             f"{system.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior "
             "takes redshifts alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
         )
-    system = warn_of_undeclared_redshift_frame(system, field, distance_model.redshift_frame)
+    system = warn_of_undeclared_frame(system, field, distance_model.redshift_frame)
     if system.left_out is not None:
         system = replace(system, notes=(_format_omitted_flow_note(system, model_priors), *system.notes))
-    group = make_local_group_measurement(priors.local_group, system)
+    group = make_local_group(priors.local_group, system)
     if group is not None and "flow_amplitude" in model_priors.free:
         raise ParameterError("the Local Group tells a flow of known amplitude: leave out local_group or flow_amplitude")
     if system.modes is not None:

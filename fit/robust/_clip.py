@@ -64,7 +64,7 @@ class ClippedFit(AboutSolution):
 
     def select(self, field: Field) -> Field:
         """Select the sources of a `field` in the solution's frame that agree with the fit; a step for `Parts.map`."""
-        return _select_within_limit(field, partial(_compute_distances, solution=self.solution), self.limit)
+        return _select_within(field, partial(_compute_distances, solution=self.solution), self.limit)
 
     def sources(self, field: Field | Parts) -> Field | Parts:
         """The sources that were kept, of the `field` or the parts that were clipped; a note says how many were not."""
@@ -145,16 +145,14 @@ def clip(
     selection_hash, before, earlier_hashes = None, None, set()
     for rounds in range(1, max_rounds + 1):
         solution = solve(normal)
-        compute_distances = partial(_compute_distances, solution=solution)
+        measure = partial(_compute_distances, solution=solution)
         if sky.in_memory is not None:  # once a round, for the median and the choice alike
-            compute_distances = partial(_return_known_distances, distances=compute_distances(sky.in_memory))
-        limit = threshold or limit_in_medians * float(median(sky, compute_distances, f"clip, round {rounds}"))
-        kept_summary = sky.sum(
-            partial(_count_and_hash_kept, compute_distances=compute_distances, limit=limit),
-            roles=(),
-            words=f"clip, round {rounds}",
+            measure = partial(_return_known_distances, distances=measure(sky.in_memory))
+        limit = threshold or limit_in_medians * float(median(sky, measure, f"clip, round {rounds}"))
+        summary = sky.sum(
+            partial(_summarise_kept, measure=measure, limit=limit), roles=(), words=f"clip, round {rounds}"
         )
-        if kept_summary["mark"] == selection_hash or (selection_hash is None and kept_summary["sources"] == n_sources):
+        if summary["mark"] == selection_hash or (selection_hash is None and summary["sources"] == n_sources):
             rule_text = (
                 f"κ = {kappa:g}{'' if components == 2 else f', {limit_in_medians:.3g}'} times the median"
                 if threshold is None
@@ -162,41 +160,37 @@ def clip(
             )
             bound_text = f"residuals X > {limit:.3g} standard errors ({rule_text}; {rounds} rounds)"
             note = CodedNote(f"clipped {n_sources - n_kept} of {n_sources} sources with {bound_text}", CLIPPED)
-            is_kept = compute_distances(sky.in_memory) <= limit if sky.in_memory is not None else None
+            is_kept = measure(sky.in_memory) <= limit if sky.in_memory is not None else None
             return _correct_clipping_bias(solution, is_kept, rounds, limit, q, note, n_sources - n_kept)
-        if components * kept_summary["sources"] < len(modes):
+        if components * summary["sources"] < len(modes):
             raise ConvergenceError(
-                f"clipping leaves {kept_summary['sources']} of {n_sources} sources, too few for {len(modes)} "
+                f"clipping leaves {summary['sources']} of {n_sources} sources, too few for {len(modes)} "
                 f"coefficients: take a larger {'kappa' if threshold is None else 'threshold'} than {cutoff:g}"
             )
-        selection_hash, n_kept = kept_summary["mark"], kept_summary["sources"]
+        selection_hash, n_kept = summary["mark"], summary["sources"]
         if selection_hash in earlier_hashes or rounds == max_rounds:
             n_swinging = sky.sum(
-                partial(_count_differing_sources, criterion=(compute_distances, limit), previous_criterion=before),
-                roles=(),
-                words="clip",
+                partial(_count_differing, criterion=(measure, limit), previous=before), roles=(), words="clip"
             )
         if selection_hash in earlier_hashes and n_swinging <= max(1, n_sources // 1000):
-            return _fit_sources_kept_by_both(sky, modes, (compute_distances, limit), before, rounds, n_swinging, q)
+            return _fit_sources_kept_by_both(sky, modes, (measure, limit), before, rounds, n_swinging, q)
         if selection_hash in earlier_hashes:
             raise ConvergenceError(
                 f"the clipping oscillates after {rounds} rounds: {n_swinging} sources are alternately clipped and kept "
                 f"at X ≈ {limit:.3g}. Take another kappa, or the absolute threshold={limit * 1.02:.3g}"
             )
         earlier_hashes.add(selection_hash)
-        before = compute_distances, limit
-        normal = normal_equations(
-            apply_step(sky, partial(_select_within_limit, compute_distances=compute_distances, limit=limit)), modes
-        )
+        before = measure, limit
+        normal = normal_equations(apply_step(sky, partial(_select_within, measure=measure, limit=limit)), modes)
     raise ConvergenceError(
         f"the clip has not settled after {max_rounds} rounds: {n_swinging} sources more or less in the last"
     )
 
 
-def _fit_sources_kept_by_both(sky, modes, criterion, previous_criterion, rounds, n_swinging, q):
+def _fit_sources_kept_by_both(sky, modes, criterion, previous, rounds, n_swinging, q):
     """The fit to what both choices keep between which a few sources swing."""
-    compute_ratios = partial(_compute_larger_distance_ratio, criterion=criterion, previous_criterion=previous_criterion)
-    select_kept = partial(_select_within_limit, compute_distances=compute_ratios, limit=1.0)
+    compute_ratios = partial(_compute_larger_distance_ratio, criterion=criterion, previous=previous)
+    select_kept = partial(_select_within, measure=compute_ratios, limit=1.0)
     mask = None if sky.in_memory is None else compute_ratios(sky.in_memory) <= 1.0
     normal = normal_equations(apply_step(sky, select_kept), modes)
     n_sources, n_kept = sky.sum(len), normal.n_sources
@@ -208,9 +202,9 @@ def _fit_sources_kept_by_both(sky, modes, criterion, previous_criterion, rounds,
     return _correct_clipping_bias(solve(normal), mask, rounds, limit, q, CodedNote(note, CLIPPED), n_sources - n_kept)
 
 
-def _compute_larger_distance_ratio(field, criterion, previous_criterion):
+def _compute_larger_distance_ratio(field, criterion, previous):
     """The larger of X over its limit by two fits."""
-    return np.maximum(*(distances(field) / limit for distances, limit in (criterion, previous_criterion)))
+    return np.maximum(*(distances(field) / limit for distances, limit in (criterion, previous)))
 
 
 def _correct_clipping_bias(solution, is_kept, rounds, limit, q, note, n_clipped):
@@ -221,14 +215,8 @@ def _correct_clipping_bias(solution, is_kept, rounds, limit, q, note, n_clipped)
     solution = replace(
         solution, covariance=solution.covariance * variance, chi2=solution.chi2 / share, notes=(*solution.notes, note)
     )
-    return ClippedFit(
-        solution=solution,
-        kept=is_kept,
-        n_rounds=rounds,
-        limit=limit,
-        factor=float(np.sqrt(variance)),
-        n_clipped=n_clipped,
-    )
+    counts: Any = {"n_rounds": rounds, "n_clipped": n_clipped}
+    return ClippedFit(solution=solution, kept=is_kept, limit=limit, factor=float(np.sqrt(variance)), **counts)
 
 
 def _compute_distances(field, solution):
@@ -241,19 +229,19 @@ def _return_known_distances(field, distances):
     return distances
 
 
-def _select_within_limit(field, compute_distances, limit):
-    return field[compute_distances(field) <= limit]
+def _select_within(field, measure, limit):
+    return field[measure(field) <= limit]
 
 
-def _count_differing_sources(field, criterion, previous_criterion):
+def _count_differing(field, criterion, previous):
     """Count the sources that one fit keeps and the other does not."""
-    is_kept, was_kept = (distances(field) <= limit for distances, limit in (criterion, previous_criterion or criterion))
+    is_kept, was_kept = (distances(field) <= limit for distances, limit in (criterion, previous or criterion))
     return int((is_kept != was_kept).sum())
 
 
-def _count_and_hash_kept(field, compute_distances, limit):
+def _summarise_kept(field, measure, limit):
     """Count the sources that are kept, and a sum of hashes that tells one choice from another."""
-    is_kept = compute_distances(field) <= limit
+    is_kept = measure(field) <= limit
     position_bits = np.stack([field.lon[is_kept], field.lat[is_kept]]).view(np.uint64)
     # The finaliser of SplitMix64 (Steele et al. 2014) mixes the bits of each source's place; sums are modulo 2⁶⁴.
     hashes = position_bits[0] ^ (position_bits[1] * np.uint64(0x9E3779B97F4A7C15))
@@ -374,7 +362,7 @@ def excess_noise(
             f"the excess noise has not settled after {likelihood.n_rounds} fits: it is {distance_text} of its errors "
             f"from the maximum of the likelihood; allow more than max_rounds={max_rounds}"
         )
-    unit = likelihood.noise_unit
+    unit = likelihood.unit
     noisy_sky = sky.map(likelihood.make_error_model(parameters))
     solution = solve(likelihood.compute_likelihood_sums(parameters)["normal"])
     covariance, dof = sandwich(noisy_sky, partial(_compute_unit_score_factors, solution=solution), modes)
@@ -448,18 +436,16 @@ def _sum_likelihood_terms(field, error_model, modes):
 class _RestrictedLikelihood:
     """−ln of the restricted likelihood a source, of s² (in units of the mean variance by weight) and f²."""
 
-    def __init__(self, sky, modes, is_scale_free):
-        self.sky, self.modes, self.is_scale_free = sky, modes, is_scale_free
+    def __init__(self, sky, modes, has_scale):
+        self.sky, self.modes, self.has_scale = sky, modes, has_scale
         self.n_sources, information = sky.sum(_count_and_sum_weights, roles=(), words="excess noise")
-        self.noise_unit = float(np.sqrt(modes.components * self.n_sources / information))
+        self.unit = float(np.sqrt(modes.components * self.n_sources / information))
         self.n_rounds = 0
         self.cached_sums: tuple[Any, Any] = (None, None)
 
     def make_error_model(self, parameters):
         """The step to the field with errors f² C + s² I."""
-        return EnlargedErrors(
-            float(parameters[0]) * self.noise_unit**2, float(parameters[1]) if self.is_scale_free else 1.0
-        )
+        return EnlargedErrors(float(parameters[0]) * self.unit**2, float(parameters[1]) if self.has_scale else 1.0)
 
     def compute_likelihood_sums(self, parameters):
         """Sums over all sources, cached."""
@@ -481,9 +467,9 @@ class _RestrictedLikelihood:
         matrix, rhs, weighted_residual_square = sums["squared"]
         residual_square = weighted_residual_square - 2 * values @ rhs + values @ matrix @ values
         by_noise = (sums["trace"] - residual_square - float(np.sum(solution.covariance * matrix))) / 2
-        gradient = [by_noise * self.noise_unit**2]
-        if self.is_scale_free:  # ∂C/∂f² = (C − s² I)/f²
-            noise = parameters[0] * self.noise_unit**2
+        gradient = [by_noise * self.unit**2]
+        if self.has_scale:  # ∂C/∂f² = (C − s² I)/f²
+            noise = parameters[0] * self.unit**2
             gradient.append(
                 ((self.modes.components * n - solution.chi2 - len(self.modes)) / 2 - noise * by_noise) / parameters[1]
             )
@@ -491,22 +477,20 @@ class _RestrictedLikelihood:
 
     def find_likeliest_parameters(self, max_rounds, tolerance):
         """The parameters of the largest likelihood, searched along ln(1 + s²) and ln f²."""
-        log_start = np.array([np.log1p(max(self.estimate_excess_variance(), 1e-2)), 0.0][: 1 + self.is_scale_free])
-        bounds = [(0.0, None), (np.log(1e-6), None)][: len(log_start)]
+        start = np.array([np.log1p(max(self.estimate_excess_variance(), 1e-2)), 0.0][: 1 + self.has_scale])
+        bounds = [(0.0, None), (np.log(1e-6), None)][: len(start)]
 
-        def convert_to_parameters(log_parameters):
+        def to_parameters(log_parameters):
             return np.r_[np.expm1(log_parameters[0]), np.exp(log_parameters[1:])]
 
-        def compute_loss_of_logs(log_parameters):
-            loss, gradient = self.compute_loss_and_gradient(convert_to_parameters(log_parameters))
+        def loss(log_parameters):
+            loss, gradient = self.compute_loss_and_gradient(to_parameters(log_parameters))
             return loss, gradient * np.r_[np.exp(log_parameters[0]), np.exp(log_parameters[1:])]
 
         from scipy.optimize import minimize  # slow to import
 
         options = {"maxiter": max_rounds, "ftol": 1e-15, "gtol": tolerance / np.sqrt(self.n_sources)}
-        parameters = convert_to_parameters(
-            minimize(compute_loss_of_logs, log_start, jac=True, bounds=bounds, method="L-BFGS-B", options=options).x
-        )
+        parameters = to_parameters(minimize(loss, start, jac=True, bounds=bounds, method="L-BFGS-B", options=options).x)
         for _ in range(40):  # along a ridge, where one of the two hides the other, by Fisher's scoring
             loss, gradient = self.compute_loss_and_gradient(parameters)
             step = -np.linalg.pinv(self.compute_expected_information(parameters)) @ gradient * self.n_sources
@@ -535,9 +519,9 @@ class _RestrictedLikelihood:
     def compute_expected_information(self, parameters):
         """The expected information of the parameters."""
         sums, n = self.compute_likelihood_sums(parameters), self.n_sources
-        information = np.array([[self.noise_unit**4 * sums["trace of squares"]]])
-        if self.is_scale_free:
-            cross_information = self.noise_unit**2 * sums["cross"] / parameters[1]
+        information = np.array([[self.unit**4 * sums["trace of squares"]]])
+        if self.has_scale:
+            cross_information = self.unit**2 * sums["cross"] / parameters[1]
             scale_information = sums["own"] / parameters[1] ** 2
             information = np.array([[information[0, 0], cross_information], [cross_information, scale_information]])
         remaining_share = max(1 - len(self.modes) / (self.modes.components * n), 1e-3)

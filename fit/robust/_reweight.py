@@ -41,7 +41,7 @@ _LOG_NU_NODES = chebyshev.chebpts1(36)
 #: No catalogue has errors that are so many times too large.
 _LEAST_INFLATION = 0.3
 #: The range of ln ν.
-_LOWEST_LOG_NU, _HIGHEST_LOG_NU = np.log([0.5, 200.0])
+_LOW, _HIGH = np.log([0.5, 200.0])
 #: Below it the quoted errors say so little of the scatter that those of a fit by them are too small.
 _LEAST_NU = 1.3
 
@@ -99,11 +99,7 @@ class StudentT:
         # By τ = 1/ν, in which the mean is nearly a parabola from Gaussian errors on.
         gradient, curvature = -(nu**2) * slope_in_nu, nu**4 * second + 2 * nu**3 * slope_in_nu
         step = -gradient / curvature if curvature < 0 else np.sign(gradient)
-        tau = np.clip(
-            1 / nu + step,
-            max(1 / nu / _LARGEST_NU_FACTOR, np.exp(-_HIGHEST_LOG_NU)),
-            min(_LARGEST_NU_FACTOR / nu, np.exp(-_LOWEST_LOG_NU)),
-        )
+        tau = np.clip(1 / nu + step, max(1 / nu / _FARTHEST, np.exp(-_HIGH)), min(_FARTHEST / nu, np.exp(-_LOW)))
         return replace(self, nu=float(1 / tau)), float(abs(tau - 1 / nu) * np.sqrt(n * abs(curvature)))
 
     def fit_nu(self, sky: Parts, weigher: SourceWeights, words: str) -> StudentT:
@@ -162,7 +158,7 @@ class SourceWeights:
 def _count_and_sum_logs_at_nodes(field, weigher):
     """Count of sources, and Σ ln(1 + X²/ν) at the nodes of ln ν."""
     x2 = weigher(field)[0]
-    node_nus = np.exp(_LOWEST_LOG_NU + (_HIGHEST_LOG_NU - _LOWEST_LOG_NU) * (_LOG_NU_NODES + 1) / 2)
+    node_nus = np.exp(_LOW + (_HIGH - _LOW) * (_LOG_NU_NODES + 1) / 2)
     return len(x2), np.array([_sum_logarithms(1 + x2 / nu) for nu in node_nus])
 
 
@@ -183,8 +179,8 @@ def _compute_mean_log_density(nu, components, mean_log):
 def _find_likeliest_nu(mean_logs, components):
     """The ν that makes the X² likeliest."""
     coefficients = chebyshev.chebfit(_LOG_NU_NODES, mean_logs, len(_LOG_NU_NODES) - 1)
-    log_nu = np.linspace(_LOWEST_LOG_NU, _HIGHEST_LOG_NU, 4001)
-    mean_log = chebyshev.chebval(2 * (log_nu - _LOWEST_LOG_NU) / (_HIGHEST_LOG_NU - _LOWEST_LOG_NU) - 1, coefficients)
+    log_nu = np.linspace(_LOW, _HIGH, 4001)
+    mean_log = chebyshev.chebval(2 * (log_nu - _LOW) / (_HIGH - _LOW) - 1, coefficients)
     height = _compute_mean_log_density(np.exp(log_nu), components, mean_log)
     k = int(np.clip(np.argmax(height), 1, len(height) - 2))
     rise, bend = ((height[k + 1] - height[k - 1]) / 2, height[k + 1] - 2 * height[k] + height[k - 1])
@@ -197,7 +193,7 @@ def _find_likeliest_nu(mean_logs, components):
 _MANY, _SAMPLE, _SOURCES_PER_COEFFICIENT, _SAMPLE_TOLERANCE = 20_000, 5_000, 20, 0.1
 #: Their relative accuracy, and their number at most; the factor on ν that each may have; a step that is so much of the
 #: one before is slow.
-_SCORE_ACCURACY, _MOST_STEPS, _LARGEST_NU_FACTOR, _SLOW_STEP_RATIO = 1e-8, 12, 4.0, 0.2
+_SCORE_ACCURACY, _MOST_STEPS, _FARTHEST, _SLOW_STEP_RATIO = 1e-8, 12, 4.0, 0.2
 #: Rounds after which leverages are held fixed.
 _ADAPTING_ROUNDS = 15
 

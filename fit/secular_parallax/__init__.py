@@ -23,11 +23,11 @@ from fit.secular_parallax._estimate import (
     forecast_velocity,
     hubble_constant,
     is_redshift_frame_undeclared,
-    make_local_group_measurement,
+    make_local_group,
     make_notes_on_local_group,
     observer_velocity,
     predict_errors,
-    warn_of_undeclared_redshift_frame,
+    warn_of_undeclared_frame,
 )
 from fit.secular_parallax._model import ASSUMED, LEFT_DISPERSION, DistanceModel, make_flow_modes_within
 from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution, doubt_speed

@@ -276,10 +276,8 @@ class ParallaxParts:
 
     def sums(self, *spreads: ArrayLike, **keywords: Any) -> ParallaxSums:
         """Compute the sums of `ParallaxEquations.sums`, with its arguments."""
-        sum_equations = partial(
-            _sum_field_equations, calibration=self.calibration, options=self.options, spreads=spreads, keywords=keywords
-        )
-        return self.sky.sum(sum_equations, roles=DISTANCES, words="secular parallax")
+        sums = partial(_sum_up, calibration=self.calibration, options=self.options, spreads=spreads, keywords=keywords)
+        return self.sky.sum(sums, roles=DISTANCES, words="secular parallax")
 
 
 def _collect_equation_facts(field, calibration, options):
@@ -294,13 +292,11 @@ def _collect_equation_facts(field, calibration, options):
     }
 
 
-def _sum_field_equations(field, calibration, options, spreads, keywords):
+def _sum_up(field, calibration, options, spreads, keywords):
     return make_field_equations(field, calibration, **options).sums(*spreads, **keywords)
 
 
-def make_parallax_equations(
-    field: Field | Parts, calibration: Calibration, **options: Any
-) -> ParallaxEquations | ParallaxParts:
+def make_equations(field: Field | Parts, calibration: Calibration, **options: Any) -> ParallaxEquations | ParallaxParts:
     """The equations of a field or of parts."""
     if isinstance(field, Parts):
         return ParallaxParts.of(field, calibration, options)
@@ -562,7 +558,7 @@ class OmittedFlow:
     def sums(self, spread: float, excess_noise: float, n_sources: int) -> ParallaxSums:
         """Normal matrix and right-hand side with the flow's columns, from a subsample, scaled to all sources."""
         subsample = apply_step(self.field, partial(_take_subsample, share=_SUBSAMPLE_SIZE / n_sources))
-        subsample_equations = make_parallax_equations(subsample, self.calibration, modes=self.modes, **self.options)
+        subsample_equations = make_equations(subsample, self.calibration, modes=self.modes, **self.options)
         sums = subsample_equations.sums(spread, excess_noise)
         source_ratio = n_sources / (sums.n_data // 2)
         return replace(sums, matrix=sums.matrix * source_ratio, rhs=sums.rhs * source_ratio)

@@ -37,7 +37,7 @@ def is_redshift_frame_undeclared(field: Field | Parts, redshift_frame: str | Non
     return first_field.redshift is not None and first_field.redshift_frame is None
 
 
-def warn_of_undeclared_redshift_frame(equations: Any, field: Field | Parts, redshift_frame: str | None) -> Any:
+def warn_of_undeclared_frame(equations: Any, field: Field | Parts, redshift_frame: str | None) -> Any:
     """The equations, with a note and a warning where the frame of the redshifts is not given."""
     if not is_redshift_frame_undeclared(field, redshift_frame):
         return equations
@@ -123,9 +123,8 @@ def observer_velocity(
             "fit.posterior.sample"
         )
     model = make_distance_model(model, options)
-    equations = warn_of_undeclared_redshift_frame(
-        model.equations(field, ratio=hubble / model.hubble), field, model.redshift_frame
-    )
+    equations = model.equations(field, ratio=hubble / model.hubble)
+    equations = warn_of_undeclared_frame(equations, field, model.redshift_frame)
     fit_options = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise}
     return _solve_for_velocity(equations, hubble, model.dispersion, **fit_options)
 
@@ -147,10 +146,8 @@ def _make_solver_and_dispersions(
 
     The dispersion that the residuals prefer is None for parts, and where it is not `preferred`, asked for.
     """
-    group, sums = (
-        make_local_group_measurement(local_group, equations),
-        equations.sums(dispersion * ratio, excess_noise, ratio=ratio),
-    )
+    group = make_local_group(local_group, equations)
+    sums = equations.sums(dispersion * ratio, excess_noise, ratio=ratio)
     omitted, preferred_dispersion = equations.left_out, None
     left_out = None if omitted is None else omitted.sums(dispersion * ratio, excess_noise, equations.n_data // 2)
     if preferred and isinstance(equations, ParallaxEquations):
@@ -199,7 +196,7 @@ def hubble_constant(
             "fit.posterior.sample"
         )
     model = make_distance_model(model, options)
-    equations = warn_of_undeclared_redshift_frame(model.equations(field, apart=True), field, model.redshift_frame)
+    equations = warn_of_undeclared_frame(model.equations(field, apart=True), field, model.redshift_frame)
     fit_options = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise, "local_group": local_group}
     solution = _solve_for_hubble(equations, velocity, model.dispersion, hubble, **fit_options)
     frame = model.redshift_frame or declared_frame(field)
@@ -253,20 +250,18 @@ def _solve_for_hubble(equations, velocity, dispersion, hubble=None, **fit_option
     return HubbleSolution(**attributes, **dispersions, assumed_velocity=velocity)
 
 
-def make_local_group_measurement(
-    local_group: Vector | bool | None, equations: ParallaxEquations | ParallaxParts
-) -> LocalGroup | None:
+def make_local_group(value: Vector | bool | None, equations: ParallaxEquations | ParallaxParts) -> LocalGroup | None:
     """The Local Group's velocity as a measurement of the flow of some equations."""
-    if local_group is None or local_group is False:
+    if value is None or value is False:
         return None
     if equations.modes is None:
         raise ParameterError(
             "the Local Group tells the flow where we are: local_group= needs galaxies with a flow (z < 0.2, not "
             "flows=None)"
         )
-    if local_group is not True and not isinstance(local_group, Vector):
-        raise ParameterError(f"local_group is a Vector in km/s, or True, not {local_group!r}")
-    velocity = (LOCAL_GROUP if local_group is True else local_group).to_frame(equations.frame)
+    if value is not True and not isinstance(value, Vector):
+        raise ParameterError(f"local_group is a Vector in km/s, or True, not {value!r}")
+    velocity = (LOCAL_GROUP if value is True else value).to_frame(equations.frame)
     return LocalGroup(equations.modes, velocity.value, velocity.covariance + LOCAL_SCATTER**2 * np.eye(3))
 
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from fit.distances import WHOLE_DISPERSION, Calibration, calibrate
-from fit.secular_parallax._equations import OmittedFlow, ParallaxEquations, ParallaxParts, make_parallax_equations
+from fit.secular_parallax._equations import OmittedFlow, ParallaxEquations, ParallaxParts, make_equations
 from vsh.field import Field
 from vsh.io.parts import Parts, apply_step
 from vsh.models.cosmology import FLAT_PLANCK13, hubble_value, select_certain_redshifts, transverse_distance
@@ -150,9 +150,8 @@ class DistanceModel(InNotebook):
         limits = calibration.flow_limits
         modes = None if theory is None else make_flow_modes_within(limits, calibration.cosmology, theory, self.n_modes)
         keywords: dict[str, Any] = {"ratio": ratio, "apart": apart, "threads": threads}
-        rows = make_parallax_equations(
-            field, calibration, theory=theory, modes=modes, reconstruction=self.reconstruction, **keywords
-        )
+        flow = {"theory": theory, "modes": modes, "reconstruction": self.reconstruction}
+        rows = make_equations(field, calibration, **flow, **keywords)
         if theory is None and flow_left_out:
             extra = make_flow_modes_within(limits, calibration.cosmology, LINEAR_PLANCK18, _N_OMITTED_MODES)
             rows = replace(rows, left_out=None if extra is None else OmittedFlow(field, calibration, extra, keywords))

@@ -57,25 +57,20 @@ def _make_vectors_table(solution, truth, long):
         rows.append(("velocity [km/s]", *format_components(v), format_amplitude(v)))
         if "velocity" in truth:
             true = truth["velocity"].to_frame(solution.frame)
-            expected_velocity = replace(true, value=true.value * truth["hubble"] / solution.assumed_hubble)
+            expectation = replace(true, value=true.value * truth["hubble"] / solution.assumed_hubble)
             is_other = truth["hubble"] != solution.assumed_hubble
-            rows.append(
-                _make_truth_row(v, expected_velocity, "+.1f", f"(simulated with H0 = {truth['hubble']:g})" * is_other)
-            )
+            rows.append(_make_true_row(v, expectation, "+.1f", f"(simulated with H0 = {truth['hubble']:g})" * is_other))
         if long:
             rows.append(("  galactic axes", *format_components(v.to_frame("galactic")), ""))
     a = solution.acceleration
     rows.append(("acceleration [µas/yr]", *format_components(a), format_amplitude(a)))
     if "acceleration" in truth:
-        rows.append(_make_truth_row(a, truth["acceleration"].to_frame(solution.frame), "+.3f"))
+        rows.append(_make_true_row(a, truth["acceleration"].to_frame(solution.frame), "+.3f"))
     return tables.table_of_rows(("vector", "x", "y", "z", "amplitude"), rows)
 
 
-def _make_truth_row(vector, true_vector, number_format, remark=""):
-    cells = (
-        f"{component:{number_format}} ({pull:+.1f}σ)"
-        for component, pull in zip(true_vector.value, pulls(vector, true_vector), strict=True)
-    )
+def _make_true_row(vector, true, form, remark=""):
+    cells = (f"{x:{form}} ({pull:+.1f}σ)" for x, pull in zip(true.value, pulls(vector, true), strict=True))
     return ("  truth", *cells, remark)
 
 

@@ -93,16 +93,14 @@ def compute_simulated_p_value(noise_maxima: FloatArray, observed_maximum: float)
     return (1 + int(np.sum(noise_maxima >= observed_maximum))) / (1 + len(noise_maxima))
 
 
-def draw_noise_maxima(
-    whitened: WhitenedData, modes: Modes, nside: int, n_skies: int, rng: Rng, n_phases: int = 1
-) -> FloatArray:
+def draw_maxima(data: WhitenedData, modes: Modes, nside: int, n_skies: int, rng: Rng, n_phases: int = 1) -> FloatArray:
     """Compute the largest 2F of each of `n_skies` simulated skies of noise."""
-    whitened_templates, covariance = _compute_templates_and_covariance(whitened, modes, nside, n_phases)
+    whitened_templates, covariance = _compute_templates_and_covariance(data, modes, nside, n_phases)
     root = np.linalg.cholesky(covariance)
     unit_basis = np.einsum("nij,iqn->jnq", root, whitened_templates)  # 2F sums the squares of their products with noise
     rng, maxima = generator(rng), []
     for start in range(0, n_skies, 100):
-        noise = rng.standard_normal((len(whitened.values), min(100, n_skies - start)))
+        noise = rng.standard_normal((len(data.values), min(100, n_skies - start)))
         maxima.append(sum((component @ noise) ** 2 for component in unit_basis).max(axis=0))
     return np.concatenate(maxima)
 
@@ -319,7 +317,7 @@ def search(
 def _search_sky_and_noise(whitened, modes, nside, n_skies, rng, n_phases=1, **attributes):
     """Search all directions; return the search, and the largest 2F of each sky of noise."""
     statistic, amplitudes, covariance = fit_wave_by_direction(whitened, modes, nside, n_phases)
-    noise_maxima = draw_noise_maxima(whitened, modes, nside, n_skies, rng, n_phases)
+    noise_maxima = draw_maxima(whitened, modes, nside, n_skies, rng, n_phases)
     attributes |= {"p_value": compute_simulated_p_value(noise_maxima, statistic.max()), "n_skies": n_skies}
     limits = length_limits(amplitudes.T, covariance)
     return WaveSearch(statistic=statistic, amplitudes=amplitudes, limits=limits, **attributes), noise_maxima
@@ -337,7 +335,7 @@ SOLVED_ATTITUDE = (
 )
 
 #: Number of frequencies that a short report lists.
-_N_LISTED_FREQUENCIES = 8
+_LISTED = 8
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -426,19 +424,17 @@ class WaveSpectrum(Result):
         ]
         table = self.to_table()
         table["strain"] = self.limits[:, 1] * UAS
-        best_rows = np.sort(np.argsort(self.p_values, kind="stable")[:_N_LISTED_FREQUENCIES])
+        best_rows = np.sort(np.argsort(self.p_values, kind="stable")[:_LISTED])
         rows = None if long else best_rows.tolist()
-        n_frequencies = len(self.frequencies)
-        remarks = [f"The {_N_LISTED_FREQUENCIES} of {n_frequencies} frequencies with the smallest p-values."] * (
-            not long and n_frequencies > _N_LISTED_FREQUENCIES
-        )
+        count = len(self.frequencies)
+        remarks = [f"The {_LISTED} of {count} frequencies with the smallest p-values."] * (not long and count > _LISTED)
         columns = ("frequency", "statistic", "p_value", "limit_median", "limit_low", "limit_high", "strain")
         forms = dict.fromkeys(columns[3:6], ".3g") | {"statistic": ".2f", "strain": ".2e"}
         remarks.append(
             "Limits are 95 % upper limits: median and extremes over directions [µas]. p-values are for one frequency "
             "alone."
         )
-        title = f"One gravitational wave at {n_frequencies} frequencies"
+        title = f"One gravitational wave at {count} frequencies"
         return (Section(title, facts, table, columns, rows, forms, remarks, self.notes),)
 
     def to_table(self) -> Table:

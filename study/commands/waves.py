@@ -104,10 +104,10 @@ def _run(options):
 
     epoch_files = vsh.io.epochs.epoch_files(options.epochs)
     chunks = list(vsh.io.epochs.iterate_observations(options.epochs, positions=options.positions))
-    time_span = float(min(chunk.time.min() for chunk in chunks)), float(max(chunk.time.max() for chunk in chunks))
-    attitude, notes, is_axis_far_off = (
-        ("known", [], False) if options.attitude == "known" else _make_attitude_response(chunks, time_span, options)
-    )
+    span = float(min(chunk.time.min() for chunk in chunks)), float(max(chunk.time.max() for chunk in chunks))
+    attitude, notes, is_far = "known", [], False
+    if options.attitude != "known":
+        attitude, notes, is_far = _make_response(chunks, span, options)
     search = search_in_time(
         chunks, options.frequencies, attitude=attitude, lmax=options.lmax, nside=options.nside, n_skies=options.skies,
         rng=options.seed,
@@ -116,7 +116,7 @@ def _run(options):
     def make_sections(long):
         return [
             *search.sections(long=long),
-            *([Section("The attitude", remarks=notes)] if notes and (long or is_axis_far_off) else ()),
+            *([Section("The attitude", remarks=notes)] if notes and (long or is_far) else ()),
         ]
 
     run.finish(
@@ -131,7 +131,7 @@ def _run(options):
     )
 
 
-def _make_attitude_response(chunks, time_span, options):
+def _make_response(chunks, span, options):
     """Response of the attitude by a law, of a table or fitted to epochs, notes on its axis, and if it is far off."""
     epoch = vsh.io.archive.DR4.epoch
     if any(chunk.view is None for chunk in chunks) and not options.law:
@@ -141,18 +141,16 @@ def _make_attitude_response(chunks, time_span, options):
         )
     if options.law:
         law: Any = _read_scanning_law(options.law)
-        if law.start > epoch + time_span[0] or law.start + law.years < epoch + time_span[1]:
+        if law.start > epoch + span[0] or law.start + law.years < epoch + span[1]:
             raise TableError(
                 f"{printable(options.law)} goes from {law.start:.2f} to {law.start + law.years:.2f}, the epochs from "
-                f"{epoch + time_span[0]:.2f} to {epoch + time_span[1]:.2f}"
+                f"{epoch + span[0]:.2f} to {epoch + span[1]:.2f}"
             )
     else:
         times = np.sort(np.concatenate([chunk.time for chunk in chunks]))
-        longest_interval = max(0.003, 30 * float(np.median(np.diff(times))))
-        start = epoch + time_span[0]
-        law = _fit_nominal_law(
-            chunks, start, time_span[1] - time_span[0], sim.find_gaps(epoch + times, start, longest=longest_interval)
-        )
+        longest = max(0.003, 30 * float(np.median(np.diff(times))))
+        start = epoch + span[0]
+        law = _fit_nominal_law(chunks, start, span[1] - span[0], sim.find_gaps(epoch + times, start, longest=longest))
     response = sim.agis.Response(law, nside=_RESPONSE_NSIDE, epoch=epoch, calibration=options.calibration)
     axis_offset = np.degrees(np.median([_compute_median_axis_offset(chunk, law) for chunk in chunks]))
     note = f"spin axis of the scanning law: {axis_offset:.2g}° from that of the transits, median"

@@ -132,12 +132,11 @@ class Survey(InNotebook):
             errors[:] = self._average_own_errors()[:, None]
         else:
             magnitude, factor = _draw_crf3_magnitudes_and_factors()
-            errors[:] = _average_errors_by_information(factor * gaia_errors(magnitude, self.release))[:, None]
+            errors[:] = _average_errors(factor * gaia_errors(magnitude, self.release))[:, None]
             if self.second is not None:
                 is_covered = self.second.covers(lon, lat)
-                errors[:, is_covered] = _average_errors_by_information(
-                    self.second.motion_errors(magnitude, factor, self.release)
-                )[:, None]
+                errors_with_second = self.second.motion_errors(magnitude, factor, self.release)
+                errors[:, is_covered] = _average_errors(errors_with_second)[:, None]
         return errors * self.factor * np.sqrt(len(lon) / self.n_quasars)
 
     def galaxy_errors(self, magnitude: FloatArray, lon: FloatArray, lat: FloatArray) -> FloatArray:
@@ -152,10 +151,10 @@ class Survey(InNotebook):
 
     def _average_own_errors(self):
         """Error of as much information as those of `sigma` have, (2,)."""
-        return _average_errors_by_information(np.tile(np.atleast_1d(self.sigma), (2, 1)))
+        return _average_errors(np.tile(np.atleast_1d(self.sigma), (2, 1)))
 
 
-def _average_errors_by_information(sigma):
+def _average_errors(sigma):
     """Error of as much information as several have, for each component."""
     return 1 / np.sqrt(np.mean(1 / sigma**2, axis=1))
 
@@ -172,17 +171,15 @@ _N_QUASARS, _N_GALAXIES = sum(CRF3_COUNTS.values()), 100_000
 #: and the highest degree of such angles.
 _CRF3_SYSTEMATICS, _CRF3_MAX_DEGREE = 12.0, 12
 #: Floor of DR3: that of a field of these motions with one power for all modes. [µas/yr]
-_DR3_FLOOR = (
+_FLOOR = (
     _CRF3_SYSTEMATICS
     * Spectrum.flat().acceleration_error
     * float(np.sqrt(4 * np.pi / Spectrum.flat().power(_CRF3_MAX_DEGREE).sum()))
 )
 #: Floors of DR4 and DR5, an assumption: they decrease like the errors of motions.
-_FLOORS_BY_RELEASE = {
-    release: _DR3_FLOOR * RELEASES[release][0] * RELEASES[release][1] / RELEASES["DR3"][1] for release in RELEASES
-}
+_FLOORS = {release: _FLOOR * RELEASES[release][0] * RELEASES[release][1] / RELEASES["DR3"][1] for release in RELEASES}
 #: Median errors of five equal shares of the VLBA's motions (Truebenbach & Darling 2017, ApJS 233, 3). [µas/yr]
-_VLBA_ERRORS = (2.1, 5.5, 9.6, 15.6, 39.2)
+_VLBA = (2.1, 5.5, 9.6, 15.6, 39.2)
 
 
 #: Years of observations in DR5, and from their mean to that of a successor.
@@ -191,7 +188,7 @@ _DR5_YEARS, _SUCCESSOR_YEARS = 10.0, 27.7
 
 def _gaia(says: str, release: Release = "DR5", second: SecondEpoch | None = None, floor: float | None = None) -> Survey:
     """A release, perhaps with positions of another survey, which keep its floor unless they have theirs."""
-    floor = _FLOORS_BY_RELEASE[release] if floor is None else floor
+    floor = _FLOORS[release] if floor is None else floor
     return Survey(_N_QUASARS, release, n_galaxies=_N_GALAXIES, floor=floor, says=says, second=second)
 
 
@@ -215,14 +212,14 @@ SURVEYS = {
     "near infrared": _gaia(
         "positions by a successor to Gaia launched in 2045, at J2047.5 with DR4's errors by magnitude: it is to be "
         "as precise as Gaia (Hobbs et al. 2021, Exp. Astron. 51, 783); floor: that of DR5 by the time between",
-        second=SecondEpoch("DR4", _SUCCESSOR_YEARS), floor=_FLOORS_BY_RELEASE["DR5"] * _DR5_YEARS / _SUCCESSOR_YEARS,
+        second=SecondEpoch("DR4", _SUCCESSOR_YEARS), floor=_FLOORS["DR5"] * _DR5_YEARS / _SUCCESSOR_YEARS,
     ),
     "VLBI": Survey(
-        1500, sigma=_VLBA_ERRORS, floor=0.1,
+        1500, sigma=_VLBA, floor=0.1,
         says="assumed: 1500 sources with the distribution of errors of Truebenbach & Darling (2017)",
     ),
     "SKA": Survey(
-        10_000, sigma=_VLBA_ERRORS, floor=0.1,
+        10_000, sigma=_VLBA, floor=0.1,
         says="assumed: 10 000 sources with the errors of VLBI (VLBI with the SKA)",
     ),
 }  # fmt: skip
@@ -248,7 +245,7 @@ QUANTITIES = {
 
 #: So many stand for all: so many quasars; of galaxies the nearest and every twentieth of the rest, fewer where flows
 #: are unknowns.
-_SAMPLE_QUASARS, _SAMPLE_GALAXIES, _N_NEAREST_GALAXIES, _GALAXY_STRIDE, _FLOW_GALAXIES = 5000, 100_000, 4000, 20, 2000
+_SAMPLE_QUASARS, _SAMPLE_GALAXIES, _N_NEAREST, _STRIDE, _FLOW_GALAXIES = 5000, 100_000, 4000, 20, 2000
 #: The highest degree that is looked at.
 _MAX_DEGREE = 400
 _FLOW_MODES, _HUBBLE = 40, 70.0
@@ -323,7 +320,7 @@ class SurveyForecast(InNotebook):
                 "Floors beyond DR3 are assumptions; the errors of direction, V0, R0 and Ω include the floors. DR3's "
                 "angular covariance (Lindegren et al. "
                 f"2021, 292 exp(−θ/12°) µas²/yr²) implies a floor of {_COVARIANCE_LAW_FLOOR:.1f} µas/yr at degree 1, "
-                f"{_COVARIANCE_LAW_FLOOR / _DR3_FLOOR:.1f} times as much; the acceleration measured by DR3 (5.05 "
+                f"{_COVARIANCE_LAW_FLOOR / _FLOOR:.1f} times as much; the acceleration measured by DR3 (5.05 "
                 "µas/yr, with 4.8 expected) excludes such a floor.",
                 "Velocity and H0 are for independent peculiar velocities of 300 km/s; with flows fitted, they are for "
                 "flows of linear theory and include the "
@@ -417,11 +414,11 @@ def forecast_surveys(
     lon, lat = _place_quasars(sky, position_rng)
     no_motion = np.zeros((2, len(lon)))
     systematic_power = Spectrum.from_covariance(LINDEGREN_2021).power(_MAX_DEGREE)[0]
-    galaxy_sample = galaxies(_SAMPLE_GALAXIES, random_generator)
+    sample = galaxies(_SAMPLE_GALAXIES, random_generator)
     values = {
         name: (
             _forecast_quasar_errors(Field(lon, lat, no_motion, survey.errors(lon, lat)), survey, systematic_power)
-            | _forecast_galaxy_errors(survey, galaxy_sample, flows)
+            | _forecast_galaxy_errors(survey, sample, flows)
         )
         for name, survey in surveys.items()
     }
@@ -449,7 +446,7 @@ def _forecast_quasar_errors(field, survey, systematic_power):
     noise = (prediction.noise_power("T", 2) + prediction.noise_power("S", 2)) / 10
     # A floor of degree 1 has as much power in each mode of degree 2; of the published law it is a share.
     total_error, floor_power = float(np.hypot(acceleration, survey.floor)), 8 * np.pi / 3 * survey.floor**2
-    law_floor = _COVARIANCE_LAW_FLOOR * survey.floor / _DR3_FLOOR if survey.release else survey.floor
+    law_floor = _COVARIANCE_LAW_FLOOR * survey.floor / _FLOOR if survey.release else survey.floor
     shear_tensors = [to_tensor(Coefficients(Modes(2), row)) for row in np.linalg.cholesky(prediction.covariance).T]
     degrees = np.arange(1, _MAX_DEGREE + 1)
     return {
@@ -467,42 +464,32 @@ def _forecast_quasar_errors(field, survey, systematic_power):
     }
 
 
-def _forecast_galaxy_errors(survey, galaxy_sample, flows):
+def _forecast_galaxy_errors(survey, sample, flows):
     values = dict.fromkeys(("velocity", "hubble", "velocity_flows", "hubble_flows"), float("nan"))
     if not survey.n_galaxies:
         return values
-    order = np.argsort(galaxy_sample.redshift)
+    order = np.argsort(sample.redshift)
     # The nearest weigh most: all of them, and of the rest every twentieth for twenty.
-    row_numbers = np.concatenate([order[:_N_NEAREST_GALAXIES], order[_N_NEAREST_GALAXIES::_GALAXY_STRIDE]])
-    plain_errors = _compute_galaxy_sample_errors(
-        survey,
-        galaxy_sample[row_numbers],
-        _DISPERSION_WITHOUT_FLOWS,
-        np.where(np.arange(len(row_numbers)) < _N_NEAREST_GALAXIES, 1, _GALAXY_STRIDE),
-    )
-    values["velocity"], values["hubble"] = _predict_velocity_and_hubble_errors(
-        galaxy_sample[row_numbers], plain_errors, flows=None
-    )
+    rows = np.concatenate([order[:_N_NEAREST], order[_N_NEAREST::_STRIDE]])
+    n_each = np.where(np.arange(len(rows)) < _N_NEAREST, 1, _STRIDE)
+    plain_errors = _combine_errors(survey, sample[rows], _DISPERSION_WITHOUT_FLOWS, n_each)
+    values["velocity"], values["hubble"] = _predict_velocity_errors(sample[rows], plain_errors, flows=None)
     if flows:
-        row_numbers = order[:: len(order) // _FLOW_GALAXIES]
-        errors = _compute_galaxy_sample_errors(
-            survey, galaxy_sample[row_numbers], _DISPERSION_BEYOND_FLOWS, len(order) / len(row_numbers)
-        )
-        velocity_error, hubble_error = _predict_velocity_and_hubble_errors(
-            galaxy_sample[row_numbers], errors, flows="linear", n_modes=_FLOW_MODES
-        )
-        values |= {"velocity_flows": velocity_error, "hubble_flows": hubble_error}
+        rows = order[:: len(order) // _FLOW_GALAXIES]
+        errors = _combine_errors(survey, sample[rows], _DISPERSION_BEYOND_FLOWS, len(order) / len(rows))
+        pair = _predict_velocity_errors(sample[rows], errors, flows="linear", n_modes=_FLOW_MODES)
+        values["velocity_flows"], values["hubble_flows"] = pair
     return values
 
 
-def _compute_galaxy_sample_errors(survey, galaxy_sample, dispersion, n_each):
+def _combine_errors(survey, sample, dispersion, n_each):
     """Errors of galaxies that stand for several each, their peculiar velocities included. [µas/yr]"""
-    velocity_scatter = dispersion / (AU_PER_YEAR * transverse_distance(galaxy_sample.redshift, FLAT_PLANCK13))
-    errors = survey.galaxy_errors(galaxy_sample.magnitude, galaxy_sample.lon, galaxy_sample.lat)
+    velocity_scatter = dispersion / (AU_PER_YEAR * transverse_distance(sample.redshift, FLAT_PLANCK13))
+    errors = survey.galaxy_errors(sample.magnitude, sample.lon, sample.lat)
     return np.hypot(errors, velocity_scatter) / np.sqrt(n_each * survey.n_galaxies / _SAMPLE_GALAXIES)
 
 
-def _predict_velocity_and_hubble_errors(galaxy_sample, errors, **options):
-    field = Field(galaxy_sample.lon, galaxy_sample.lat, np.zeros_like(errors), errors, redshift=galaxy_sample.redshift)
+def _predict_velocity_errors(sample, errors, **options):
+    field = Field(sample.lon, sample.lat, np.zeros_like(errors), errors, redshift=sample.redshift)
     velocity, hubble = predict_velocity(field, 67.3, peculiar_dispersion=_NO_DISPERSION, left_out=False, **options)
     return float(np.sqrt(np.trace(velocity.velocity.covariance) / 3)), float(hubble.hubble_error)

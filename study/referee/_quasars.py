@@ -206,7 +206,7 @@ class Comparison(InNotebook):
         """The largest difference after allowing for all, by skies enough for one p-value among many."""
         return self.shared.verdict(_N_SKIES)
 
-    def compute_formal_p_value(self, kind: str | None = None) -> float:
+    def formal_p_value(self, kind: str | None = None) -> float:
         """p-value of spins ("T"), accelerations ("S") or both that are alike, with formal errors and nothing shared."""
         component_slice = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[kind]
         degree_one_fits = [select_degree_coefficients(solution, 1) for solution in self.plain]
@@ -261,13 +261,11 @@ _N_GROUPS, _MIN_GROUP_SIZE = 20, 60
 #: Sources that are looked at together.
 _BLOCK_SIZE = 20_000
 #: Angles that the probability of a quadratic form of two normal numbers is averaged over.
-_SQUARED_COSINES = np.cos((np.arange(32) + 0.5) * np.pi / 32) ** 2
+_COSINES = np.cos((np.arange(32) + 0.5) * np.pi / 32) ** 2
 
 
-def measure_shift_by_degree(
-    field: Field, low_degree: int, high_degree: int, floor: Floor | None
-) -> tuple[FloatArray, FloatArray, float]:
-    """Measure how the acceleration moves from a fit of `low_degree` to one of `high_degree`.
+def find_degree_shift(field: Field, low: int, high: int, floor: Floor | None) -> tuple[FloatArray, FloatArray, float]:
+    """Measure how the acceleration moves from a fit of `low` to one of `high`.
 
     Both are linear in the same data: with M the matrix of one less the other, the move M b has the covariance
     M (τ² N + s² N₂ + N S N) Mᵀ: τ² and s² the scatter of the residuals, which holds what lies beyond the higher degree,
@@ -277,7 +275,7 @@ def measure_shift_by_degree(
     ----------
     field : Field
         The sources.
-    low_degree, high_degree : int
+    low, high : int
         The degrees.
     floor : Floor, optional
         Systematic errors; errors are as quoted, up to one factor, unless given.
@@ -287,28 +285,26 @@ def measure_shift_by_degree(
     (3,) array, (3,) array, float
         The move and its errors [µas/yr], and its p-value.
     """
-    normal = normal_equations(field, high_degree)
+    normal = normal_equations(field, high)
     modes = normal.modes
-    indices = np.flatnonzero(modes.degrees <= low_degree)
+    indices = np.flatnonzero(modes.degrees <= low)
     rows = np.arange(len(modes))[modes.slice_of("S", 1)]
     high_estimator, low_estimator = np.linalg.inv(normal.matrix)[rows], np.zeros((3, len(modes)))
     low_estimator[:, indices] = np.linalg.inv(normal.matrix[np.ix_(indices, indices)])[np.searchsorted(indices, rows)]
     m = np.linalg.inv(FIRST_DEGREE) @ (high_estimator - low_estimator)
     solution = solve(normal)
     if floor is None:
-        rhs_covariance = normal.matrix * solution.quality.factor**2
+        noise = normal.matrix * solution.quality.factor**2
     else:
         scale, excess_variance = _fit_scale_and_excess_variance(solution.residuals(field))
-        rhs_covariance = (
-            scale * normal.matrix + excess_variance * normal_equations(_square_covariances(field), high_degree).matrix
-        )
-        rhs_covariance = rhs_covariance + normal.matrix @ np.diag(floor.spectrum.variances(modes)) @ normal.matrix
-    move, covariance = m @ normal.rhs, m @ rhs_covariance @ m.T
+        noise = scale * normal.matrix + excess_variance * normal_equations(_square_covariance(field), high).matrix
+        noise = noise + normal.matrix @ np.diag(floor.spectrum.variances(modes)) @ normal.matrix
+    move, covariance = m @ normal.rhs, m @ noise @ m.T
     chi2 = move @ np.linalg.pinv(covariance, hermitian=True) @ move
     return move, np.sqrt(np.diag(covariance)), float(chdtrc(3, chi2))
 
 
-def _square_covariances(field):
+def _square_covariance(field):
     """The sources with the square of each covariance for a covariance: weights W² in place of W."""
     (s1, s2), rho = field.sigma, field.rho
     v1, v2, c = s1**2, s2**2, rho * s1 * s2
@@ -316,7 +312,7 @@ def _square_covariances(field):
     return field.with_errors(np.sqrt([p, q]), r / np.sqrt(p * q))
 
 
-def measure_shift_by_method(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float]:
+def find_method_shift(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float]:
     """Measure how the acceleration of degree 1 moves from least squares to Student's t, on random parts of the sources.
 
     Each part gives the difference of the two; Hotelling's T² of their mean asks nothing of the errors.
@@ -379,59 +375,50 @@ def find_most_influential_source(field: Field, lmax: int) -> tuple[int, float, f
     residual = solution.residuals(field)
     blocks = [np.arange(start, min(start + _BLOCK_SIZE, len(field))) for start in range(0, len(field), _BLOCK_SIZE)]
     move_squares = np.concatenate([_square_influences(residual[block], solution.modes, whitening) for block in blocks])
-    largest_index = int(np.argmax(move_squares))
+    largest = int(np.argmax(move_squares))
     # The scatter of the others: the source that is asked about must not excuse itself.
-    scale, excess_variance = _fit_scale_and_excess_variance(residual[np.delete(np.arange(len(field)), largest_index)])
+    scale, excess_variance = _fit_scale_and_excess_variance(residual[np.delete(np.arange(len(field)), largest)])
     log_probability = sum(
-        _sum_log_probabilities_of_less(
-            residual[block], solution, whitening, scale, excess_variance, move_squares[largest_index]
-        )
+        _sum_log_probabilities(residual[block], solution, whitening, scale, excess_variance, move_squares[largest])
         for block in blocks
     )
-    return largest_index, float(np.sqrt(move_squares[largest_index])), float(-np.expm1(log_probability))
+    return largest, float(np.sqrt(move_squares[largest])), float(-np.expm1(log_probability))
 
 
-def _square_influences(residual_field, modes, whitening):
+def _square_influences(residual, modes, whitening):
     """Squared influence of each source on the acceleration, in errors."""
     return np.sum(
-        np.einsum("ajp,jp->ap", _differentiate_acceleration(residual_field, modes, whitening), residual_field.whitened)
-        ** 2,
-        0,
+        np.einsum("ajp,jp->ap", _differentiate_acceleration(residual, modes, whitening), residual.whitened) ** 2, 0
     )
 
 
-def _differentiate_acceleration(residual_field, modes, whitening):
+def _differentiate_acceleration(residual, modes, whitening):
     """Derivative of the whitened acceleration, (3, 2, n)."""
-    acceleration_response = np.tensordot(whitening, harmonics(residual_field.lon, residual_field.lat, modes), 1)
-    return np.einsum("aip,jip->ajp", acceleration_response, _compute_weight_roots(residual_field))
+    acceleration_response = np.tensordot(whitening, harmonics(residual.lon, residual.lat, modes), 1)
+    return np.einsum("aip,jip->ajp", acceleration_response, _weight_root(residual))
 
 
-def _sum_log_probabilities_of_less(residual_field, solution, whitening, scale, excess_variance, move_square):
+def _sum_log_probabilities(residual, solution, whitening, scale, excess_variance, move_square):
     """Log of the probability that none of these sources moves it by so much."""
-    weight_roots, derivative = (
-        _compute_weight_roots(residual_field),
-        _differentiate_acceleration(residual_field, solution.modes, whitening),
-    )
+    root, derivative = (_weight_root(residual), _differentiate_acceleration(residual, solution.modes, whitening))
     # What least squares leave of a residual, 1 − R Vᵀ C V Rᵀ, and what all sources scatter by besides.
-    white = np.einsum("pin,jin->pjn", harmonics(residual_field.lon, residual_field.lat, solution.modes), weight_roots)
+    white = np.einsum("pin,jin->pjn", harmonics(residual.lon, residual.lat, solution.modes), root)
     redundancy = np.eye(2)[..., None] - np.einsum("pjn,pq,qkn->jkn", white, solution.covariance, white, optimize=True)
-    covariance = scale * redundancy + excess_variance * np.einsum("jin,kin->jkn", weight_roots, weight_roots)
+    covariance = scale * redundancy + excess_variance * np.einsum("jin,kin->jkn", root, root)
     product = np.einsum("ajn,akn,kln->jln", derivative, derivative, covariance)
     mean_eigenvalue = (product[0, 0] + product[1, 1]) / 2
     determinant = product[0, 0] * product[1, 1] - product[0, 1] * product[1, 0]
     half_difference = np.sqrt(np.maximum(mean_eigenvalue**2 - determinant, 0))
-    larger, smaller_eigenvalue = (mean_eigenvalue + half_difference, np.maximum(mean_eigenvalue - half_difference, 0))
+    larger, smaller = (mean_eigenvalue + half_difference, np.maximum(mean_eigenvalue - half_difference, 0))
     # Two squares with weights λ1, λ2 exceed x together with the mean over φ of exp(−x / 2(λ1 cos²φ + λ2 sin²φ)).
     with np.errstate(over="ignore", divide="ignore"):
-        exceedance = np.mean(
-            [np.exp(-move_square / (2 * (larger * u + smaller_eigenvalue * (1 - u)))) for u in _SQUARED_COSINES], axis=0
-        )
-    return np.sum(np.log1p(-np.minimum(exceedance, 1 - 1e-16)))
+        tail = np.mean([np.exp(-move_square / (2 * (larger * u + smaller * (1 - u)))) for u in _COSINES], axis=0)
+    return np.sum(np.log1p(-np.minimum(tail, 1 - 1e-16)))
 
 
-def _fit_scale_and_excess_variance(residual_field):
+def _fit_scale_and_excess_variance(residual):
     """Residuals as τ² of the quoted variance and a variance that all have: r²/σ² = τ² + s²/σ²."""
-    weights, chi2 = residual_field.weights[:2].mean(0), np.mean(residual_field.whitened**2, 0)
+    weights, chi2 = residual.weights[:2].mean(0), np.mean(residual.whitened**2, 0)
     if not np.ptp(weights) > 0:
         return float(np.mean(chi2)), 0.0
     scale, excess_variance, design = float(np.mean(chi2)), 0.0, np.stack([np.ones_like(weights), weights])
@@ -444,7 +431,7 @@ def _fit_scale_and_excess_variance(residual_field):
     return float(scale), float(excess_variance)
 
 
-def _compute_weight_roots(field):
+def _weight_root(field):
     """R with Rᵀ R the inverse covariance of each source, (2, 2, n)."""
     (s1, s2), rho = field.sigma, field.rho
     k = np.sqrt(1 - rho**2)

@@ -9,7 +9,7 @@ from fit.methods import Recommended
 from fit.results.quality import SEEN
 from study.referee._quasars import Quasars
 from study.referee._rows import HINT, Analysis, Check
-from study.referee._sections import make_all_checks, repeat_all_analyses
+from study.referee._sections import check_all, repeat_all
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.sections import Answer, Section, text_of
@@ -160,10 +160,8 @@ class Referee(InNotebook):
         rows: list[Any] = [
             (section.paper.key, row.quantity, *_number_cells(row)) for section in self.sections for row in section.rows
         ]
-        number_columns = (
-            "paper", "quantity", "published", "published_error", "published_method", "published_method_error",
-            "systematics", "systematics_error", "kind",
-        )  # fmt: skip
+        names = ("paper", "quantity", "published", "published_error", "published_method", "published_method_error",
+                 "systematics", "systematics_error", "kind")  # fmt: skip
         verdict_columns = {
             "paper": [entry.paper.key for entry in self.sections],
             "title": [entry.title for entry in self.sections],
@@ -178,7 +176,7 @@ class Referee(InNotebook):
             "answer": [(entry.lacking and f"not tested: {entry.lacking}") or entry.answer for entry in self.checks],
         }
         return {
-            "numbers": tables.table_of(dict(zip(number_columns, zip(*rows, strict=True), strict=True)) if rows else {}),
+            "numbers": tables.table_of(dict(zip(names, zip(*rows, strict=True), strict=True)) if rows else {}),
             "verdicts": tables.table_of(verdict_columns),
             "checks": tables.table_of(check_columns),
         }
@@ -220,9 +218,5 @@ def referee(quasars: Quasars, rng: Rng = 1, *, earlier: Field | None = None) -> 
     """
     repeat_seed, check_seed = (int(stream.integers(2**31)) for stream in generator(rng).spawn(2))
     headline = quasars.recommended
-    return Referee(
-        quasars,
-        headline,
-        repeat_all_analyses(quasars, headline, repeat_seed),
-        make_all_checks(quasars, headline, check_seed, earlier),
-    )
+    analyses = repeat_all(quasars, headline, repeat_seed)
+    return Referee(quasars, headline, analyses, check_all(quasars, headline, check_seed, earlier))

@@ -23,9 +23,9 @@ from study.referee._quasars import (
     clip_quasars,
     compare_classes,
     degree_for,
+    find_degree_shift,
+    find_method_shift,
     find_most_influential_source,
-    measure_shift_by_degree,
-    measure_shift_by_method,
     select_degree_coefficients,
 )
 from study.referee._rows import NO_VALUE, Analysis, Check, Row, Value, format_verdict, read_papers
@@ -46,11 +46,11 @@ _FRAMES = ("galactic", "ecliptic", "icrs")
 _MAP_COLUMNS = ("G", "colour", "visibility periods", "scan strength")
 
 
-def make_all_checks(quasars: Quasars, headline: Recommended, rng: Rng = 1, earlier: Field | None = None) -> list[Check]:
+def check_all(quasars: Quasars, headline: Recommended, rng: Rng = 1, earlier: Field | None = None) -> list[Check]:
     """Make all checks; one that could not be asked says why."""
     questions: list[tuple[str, str, Callable[[], dict[str, Any]]]] = [
-        *((name, f"independent of {name}", partial(_check_classes_of_column, quasars, name, n_classes, rng))
-          for name, n_classes in _SPLITS.items()),
+        *((name, f"independent of {name}", partial(_check_classes_of_column, quasars, name, k, rng))
+          for name, k in _SPLITS.items()),
         ("plane", "the same near the Galactic plane", partial(_check_latitude_classes, quasars, rng)),
         *((frame, f"the same in both {frame} halves of the sky", partial(_check_sky_halves, quasars, frame, rng))
           for frame in _FRAMES),
@@ -76,8 +76,8 @@ def _make_contents_or_reason(make_contents):
         return {"lacking": str(error)}
 
 
-def _check_classes_of_column(quasars, name, n_classes, rng):
-    return _check_classes(quasars, Classes.by_parts(name, quasars.column(name), n_classes), rng)
+def _check_classes_of_column(quasars, name, k, rng):
+    return _check_classes(quasars, Classes.by_parts(name, quasars.column(name), k), rng)
 
 
 def _check_latitude_classes(quasars, rng):
@@ -98,7 +98,7 @@ def _check_classes(quasars, classes, rng) -> dict[str, Any]:
     return {
         "answer": f"{len(labels)} classes; {difference_text}; largest difference: {verdict.comparison}",
         "p_value": verdict.p_value,
-        "at_face_value": comparison.compute_formal_p_value(), "results": {"classes": comparison.shared},
+        "at_face_value": comparison.formal_p_value(), "results": {"classes": comparison.shared},
     }  # fmt: skip
 
 
@@ -106,15 +106,15 @@ def _check_degree_dependence(quasars, headline) -> dict[str, Any]:
     lower_degree = degree_for(len(quasars.field), 3)
     if quasars.degree <= lower_degree:
         raise VshError(f"the sources bear no more than degree {quasars.degree}")
-    move, _, p_value = measure_shift_by_degree(quasars.field, lower_degree, quasars.degree, headline.floor)
-    formal_p_value = measure_shift_by_degree(quasars.field, lower_degree, quasars.degree, None)[2]
+    move, _, p_value = find_degree_shift(quasars.field, lower_degree, quasars.degree, headline.floor)
+    formal_p_value = find_degree_shift(quasars.field, lower_degree, quasars.degree, None)[2]
     move_text = ", ".join(f"{component:+.2f}" for component in move)
     answer = f"from maximum degree {lower_degree} to {quasars.degree} the acceleration changes by ({move_text}) µas/yr"
     return {"answer": answer, "p_value": p_value, "at_face_value": formal_p_value}
 
 
 def _check_method_dependence(quasars, rng) -> dict[str, Any]:
-    move, error, p_value = measure_shift_by_method(quasars.whole, rng)
+    move, error, p_value = find_method_shift(quasars.whole, rng)
     components = ", ".join(format_values(move, error))
     return {
         "answer": f"Student's t minus least squares, mean of random subsamples: ({components}) µas/yr",
@@ -203,33 +203,26 @@ class AnalysisInput:
         return wave_limit(normal, range(2, normal.modes.lmax + 1), systematics=list(SHAPES.values()))
 
 
-def _find_published_value(paper_key, number_name):
-    published_number = read_papers()[paper_key].numbers.get(number_name)
+def _find_published(paper, number_name):
+    published_number = read_papers()[paper].numbers.get(number_name)
     if published_number is None:
         return NO_VALUE
     value_type = "limit" if published_number.limit else "size" if number_name.startswith("|") else "value"
     return Value(published_number.value, published_number.error, value_type)
 
 
-def _make_vector_rows(paper_key, vector_symbol, theirs, ours):
+def _make_vector_rows(paper, letter, theirs, ours):
     """Rows of a vector: its components, those published where the axes are theirs, and its size."""
     rows = [
         Row(
-            f"{vector_symbol}_{axis} [µas/yr]",
-            _find_published_value(paper_key, f"{vector_symbol}_{axis}") if theirs.frame == "icrs" else NO_VALUE,
+            f"{letter}_{axis} [µas/yr]",
+            _find_published(paper, f"{letter}_{axis}") if theirs.frame == "icrs" else NO_VALUE,
             Value(theirs.value[k], theirs.sigma[k]), Value(ours.value[k], ours.sigma[k]),
         )
         for k, axis in enumerate("xyz")
     ]  # fmt: skip
-    return [
-        *rows,
-        Row(
-            f"|{vector_symbol}| [µas/yr]",
-            _find_published_value(paper_key, f"|{vector_symbol}|"),
-            _make_size_or_limit(theirs),
-            _make_size_or_limit(ours),
-        ),
-    ]
+    name, sizes = f"|{letter}|", (_make_size_or_limit(theirs), _make_size_or_limit(ours))
+    return [*rows, Row(f"{name} [µas/yr]", _find_published(paper, name), *sizes)]
 
 
 def _make_size_or_limit(vector):
@@ -256,9 +249,9 @@ def _repeat_acceleration(inputs: AnalysisInput) -> dict[str, Any]:
                 Value(vector.direction[k], vector.direction_error[k]) if vector.p_value < SEEN else NO_VALUE
                 for vector in (theirs, ours)
             )
-            rows.append(Row(f"{name} [deg]", _find_published_value("klioner2021", name), *values))
+            rows.append(Row(f"{name} [deg]", _find_published("klioner2021", name), *values))
     counts = (Value(float(n)) for n in (clipped_fit.solution.n_sources, len(quasars.whole)))
-    rows.append(Row("sources", _find_published_value("klioner2021", "sources"), *counts))
+    rows.append(Row("sources", _find_published("klioner2021", "sources"), *counts))
     return {"rows": rows, "verdict": inputs.headline.answer.sentence, "p_value": ours.p_value}
 
 
@@ -275,10 +268,10 @@ def _repeat_reference_frame(inputs: AnalysisInput) -> dict[str, Any]:
         variances = systematic_floor.spectrum.variances(plain_solution.modes)[plain_solution.modes.degrees > 1]
         floor_rms = Value(float(np.sqrt(sum(variances) / (4 * np.pi))))
         quantity = f"motions of degrees 2–{plain_solution.modes.lmax}, rms [µas/yr]"
-        rows.append(Row(quantity, _find_published_value("crf3", "systematic motions"), fit_rms, floor_rms))
+        rows.append(Row(quantity, _find_published("crf3", "systematic motions"), fit_rms, floor_rms))
     try:
         comparison = compare_classes(quasars, Classes.by_edges("G", _G_EDGES, quasars.column("G")), inputs.rng)
-        p_values = comparison.compute_formal_p_value("T"), comparison.shared.equality("T")
+        p_values = comparison.formal_p_value("T"), comparison.shared.equality("T")
         rows.append(_make_p_row("bright and faint sources have the same spin", *p_values))
         results["magnitudes"] = comparison.shared
     except VshError as error:
@@ -299,9 +292,7 @@ def _repeat_redshift_bins(inputs: AnalysisInput) -> dict[str, Any]:
 def _make_redshift_contents(comparison, published_text):
     verdict = comparison.verdict
     rows = [
-        _make_p_row(
-            f"one {name} at all redshifts", comparison.compute_formal_p_value(kind), comparison.shared.equality(kind)
-        )
+        _make_p_row(f"one {name} at all redshifts", comparison.formal_p_value(kind), comparison.shared.equality(kind))
         for kind, name in (("T", "spin"), ("S", "acceleration"))
     ]
     sentence = format_verdict(
@@ -384,12 +375,12 @@ def _repeat_wave_limit(inputs: AnalysisInput) -> dict[str, Any]:
     harmonics = inputs.wave_limit
     rows = [
         Row(
-            "h70² Ω, Gaia DR3 (Jaraba)", _find_published_value("jaraba2023", "h70² Ω, Gaia"),
+            "h70² Ω, Gaia DR3 (Jaraba)", _find_published("jaraba2023", "h70² Ω, Gaia"),
             Value(theirs, kind="limit"),
         ),
-        Row("h70² Ω, VLBA (Jaraba)", _find_published_value("jaraba2023", "h70² Ω, VLBA"), Value(theirs, kind="limit")),
+        Row("h70² Ω, VLBA (Jaraba)", _find_published("jaraba2023", "h70² Ω, VLBA"), Value(theirs, kind="limit")),
         Row(
-            "h70² Ω, degree 2", _find_published_value("darling2024", "h70² Ω, degree 2"), Value(theirs, kind="limit"),
+            "h70² Ω, degree 2", _find_published("darling2024", "h70² Ω, degree 2"), Value(theirs, kind="limit"),
             Value(harmonics.limit(), kind="limit"),
         ),
     ]  # fmt: skip
@@ -407,7 +398,7 @@ def _repeat_waves_by_pairs(inputs: AnalysisInput) -> dict[str, Any]:
     limit_by_harmonics = inputs.wave_limit
     rows = [
         Row("h70² Ω by pairs", theirs=waves_value),
-        Row("h70² Ω by pairs, 95 %", _find_published_value("darling2024", "h70² Ω, pairs"), Value(upper, kind="limit")),
+        Row("h70² Ω by pairs, 95 %", _find_published("darling2024", "h70² Ω, pairs"), Value(upper, kind="limit")),
         Row("h70² Ω by harmonics", shared=Value(limit_by_harmonics.limit(), kind="limit")),
     ]
     verdict = (
@@ -422,12 +413,12 @@ def _repeat_error_growth(inputs: AnalysisInput) -> dict[str, Any]:
     quasars, ours = inputs.quasars, inputs.headline.acceleration
     theirs = solve(quasars.normal).acceleration
     rows = _make_vector_rows("nguyen2026", "g", theirs, ours)
-    error_growth = float(np.mean(ours.sigma / clip_quasars(quasars.whole).solution.acceleration.sigma))
-    rows.append(Row("errors of the headline / formal errors, clipped, degree 3", shared=Value(error_growth)))
+    growth = float(np.mean(ours.sigma / clip_quasars(quasars.whole).solution.acceleration.sigma))
+    rows.append(Row("errors of the headline / formal errors, clipped, degree 3", shared=Value(growth)))
     lower, upper = (read_papers()["nguyen2026"][f"errors, {bound}"].value for bound in ("at least", "at most"))
     verdict = (
         f"errors of the acceleration{', systematic errors included,' * (inputs.headline.floor is not None)} are "
-        f"{error_growth:.2f} times the formal errors of a clipped fit to degree 3; published: {lower:g} to {upper:g} "
+        f"{growth:.2f} times the formal errors of a clipped fit to degree 3; published: {lower:g} to {upper:g} "
         "times"
     )
     results = {} if inputs.headline.floor is None else {"floor": inputs.headline.floor}
@@ -465,7 +456,7 @@ _ANALYSES = (
 )
 
 
-def repeat_all_analyses(quasars: Quasars, headline: Recommended, rng: Rng) -> list[Analysis]:
+def repeat_all(quasars: Quasars, headline: Recommended, rng: Rng) -> list[Analysis]:
     """Repeat all published analyses; one that cannot be done says why."""
     analyses, inputs = [], AnalysisInput(quasars, headline, rng)
     for key, title, repeat_analysis in progress_bar(_ANALYSES, words="published analyses", unit="analysis"):

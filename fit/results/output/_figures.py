@@ -227,25 +227,15 @@ def plot_residuals(
     chi2, n_sources = as_parts(field, SourcesWithErrors).sum(sum_by_pixel, roles=(), words="residuals")
     dof = n_sources * solution.modes.components
     with np.errstate(divide="ignore", invalid="ignore"):
-        deviates = np.where(dof > 0, compute_wilson_hilferty_z(chi2, dof), np.nan)
-    finite_deviates = deviates[np.isfinite(deviates)]
-    colour_limit = float(np.clip(np.percentile(np.abs(finite_deviates), 98), 3, None)) if finite_deviates.size else 3.0
-    errors_suffix = " by the errors of the robust fit" if weights is not None else " by the catalogue's errors"
-    errors_suffix = "" if weights is None and solution.error_source == ErrorSource.CATALOGUE else errors_suffix
-    label = (
-        f"normal deviate of χ² in a pixel{errors_suffix}\n[σ]; χ²/n = {chi2.sum() / max(1, dof.sum()):.2f} over the sky"
-    )
+        deviate = np.where(dof > 0, compute_wilson_hilferty_z(chi2, dof), np.nan)
+    finite_deviates = deviate[np.isfinite(deviate)]
+    limit = float(np.clip(np.percentile(np.abs(finite_deviates), 98), 3, None)) if finite_deviates.size else 3.0
+    suffix = " by the errors of the robust fit" if weights is not None else " by the catalogue's errors"
+    suffix = "" if weights is None and solution.error_source == ErrorSource.CATALOGUE else suffix
+    label = f"normal deviate of χ² in a pixel{suffix}\n[σ]; χ²/n = {chi2.sum() / max(1, dof.sum()):.2f} over the sky"
     title = f"residuals of {int(n_sources.sum())} sources, pixels of {58.6 / nside:.1f}° (grey: none)"
     return plot_map(
-        deviates,
-        label,
-        frame=solution.frame,
-        cmap=DIVERGING,
-        title=title,
-        ax=ax,
-        vmin=-colour_limit,
-        vmax=colour_limit,
-        extend="both",
+        deviate, label, frame=solution.frame, cmap=DIVERGING, title=title, ax=ax, vmin=-limit, vmax=limit, extend="both"
     )
 
 
@@ -259,7 +249,5 @@ def _scale_errors_by_weights(solution, field, weights):
 
 def _sum_chi2_and_sources_by_pixel(field, solution, nside):
     """χ² and sources by pixel."""
-    pixel_numbers = pixels_of(field.lon, field.lat, nside)
-    return np.array(
-        [np.bincount(pixel_numbers, weights, 12 * nside**2) for weights in (solution.residuals(field).chi2, None)]
-    )
+    pixels = pixels_of(field.lon, field.lat, nside)
+    return np.array([np.bincount(pixels, weights, 12 * nside**2) for weights in (solution.residuals(field).chi2, None)])

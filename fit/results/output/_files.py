@@ -116,23 +116,19 @@ def _format_latex_squared_unit(unit):
     return rf"(({latex_text(unit)})$^2$)" if unit else ""
 
 
-def _format_latex_number(printed_number, style):
+def _format_latex_number(number, style):
     """A printed number, or one with its error, in a style."""
-    match = re.fullmatch(r"([+-]?[\d.]+(?:e[+-]?\d+)?)(?: ± ([\d.]+))?", printed_number)
+    match = re.fullmatch(r"([+-]?[\d.]+(?:e[+-]?\d+)?)(?: ± ([\d.]+))?", number)
     if style == "siunitx" and match:
         return rf"\num[separate-uncertainty, retain-explicit-plus]{{{match[1]}{f' +- {match[2]}' if match[2] else ''}}}"
-    limit_match = re.fullmatch(r"< +([\d.e+-]+) \((\d+) %\)", printed_number)
-    return (
-        rf"$<{_convert_number_to_latex(limit_match[1])}$ ({limit_match[2]}\,\%)"
-        if limit_match
-        else f"${_convert_number_to_latex(printed_number)}$"
-    )
+    limit = re.fullmatch(r"< +([\d.e+-]+) \((\d+) %\)", number)
+    return rf"$<{_format_tex(limit[1])}$ ({limit[2]}\,\%)" if limit else f"${_format_tex(number)}$"
 
 
-def _convert_number_to_latex(printed_number):
+def _format_tex(number):
     """A printed number as LaTeX has it: ±, powers of ten, per cent."""
-    printed_number = printed_number.replace("±", r"\pm").replace("…", r"\ldots").replace("%", r"\%").replace("<", "< ")
-    return re.sub(r"(\d)e([+-]?\d+)", lambda m: rf"{m.group(1)} \times 10^{{{int(m.group(2))}}}", printed_number)
+    number = number.replace("±", r"\pm").replace("…", r"\ldots").replace("%", r"\%").replace("<", "< ")
+    return re.sub(r"(\d)e([+-]?\d+)", lambda m: rf"{m.group(1)} \times 10^{{{int(m.group(2))}}}", number)
 
 
 def write_correlation(solution: Any, path: PathName, meta: dict[str, Any] | None = None) -> None:

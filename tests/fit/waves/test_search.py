@@ -13,7 +13,7 @@ from fit.waves._search import (
     WhitenedData,
     _compute_templates_and_covariance,
     compute_simulated_p_value,
-    draw_noise_maxima,
+    draw_maxima,
     fit_wave_by_direction,
 )
 from vsh import DegeneracyError, Field, ModesError, ParameterError
@@ -45,7 +45,7 @@ def test_noise_is_chi_square_and_p_values_are_uniform():
         noise = replace(white, values=rng.standard_normal(len(white.values)))
         statistic = fit_wave_by_direction(noise, modes, 4)[0]
         one.append(statistic[17])
-        chances.append(compute_simulated_p_value(draw_noise_maxima(noise, modes, 4, 200, rng), statistic.max()))
+        chances.append(compute_simulated_p_value(draw_maxima(noise, modes, 4, 200, rng), statistic.max()))
     assert kstest(one, "chi2", args=(2,)).pvalue > 0.01
     assert kstest(chances, "uniform").pvalue > 0.01
 

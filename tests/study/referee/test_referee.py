@@ -19,7 +19,7 @@ from study.referee._sections import (
     _check_earlier_release,
     _make_contents_or_reason,
     _repeat_galaxy_motions,
-    make_all_checks,
+    check_all,
 )
 from study.referee.page import make_html_page
 from vsh import Field
@@ -116,7 +116,7 @@ def test_instrument_is_seen(table):
     bent["pmra"] = bent["pmra"] + np.where(faint, 0.5 * np.cos(np.radians(bent["dec"])), 0.0)
     quasars = read_quasars(bent)
     main = quasars.recommended
-    answer = Referee(quasars, main, [], make_all_checks(quasars, main, 1))
+    answer = Referee(quasars, main, [], check_all(quasars, main, 1))
     by_g = next(each for each in answer.checks if each.key == "G")
     assert by_g.p_value < 0.0027
     assert answer.conclusion.startswith("an instrumental effect is detected")

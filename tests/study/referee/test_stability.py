@@ -8,7 +8,7 @@ from scipy.stats import kstest
 import sim
 from fit import fit_field, normal_equations
 from fit.background import floor
-from study.referee._quasars import find_most_influential_source, measure_shift_by_degree, measure_shift_by_method
+from study.referee._quasars import find_degree_shift, find_method_shift, find_most_influential_source
 from vsh import Field
 from vsh.models.covariance import Spectrum
 
@@ -28,10 +28,10 @@ def sky(rng, n=N, factor=1.0):
 def test_by_degree_is_exact():
     """The move is that of the two fits, its covariance what skies scatter by."""
     field = sky(np.random.default_rng(1))
-    move, error, _ = measure_shift_by_degree(field, 2, 5, None)
+    move, error, _ = find_degree_shift(field, 2, 5, None)
     fits = [fit_field(field, lmax).acceleration.value for lmax in (5, 2)]
     np.testing.assert_allclose(move, fits[0] - fits[1], atol=1e-9)
-    seen = [measure_shift_by_degree(sky(np.random.default_rng(k)), 2, 5, None) for k in range(150)]
+    seen = [find_degree_shift(sky(np.random.default_rng(k)), 2, 5, None) for k in range(150)]
     moves, p = np.array([each[0] for each in seen]), [each[2] for each in seen]
     np.testing.assert_allclose(moves.std(0), error, rtol=0.2)
     assert kstest(p, "uniform").pvalue > 0.01
@@ -45,8 +45,8 @@ def test_by_degree_knows_what_sources_share(n_skies):
         shared = sim.systematics(40 * Spectrum.flat(), seed)(LON, LAT)
         field = sky(np.random.default_rng(seed))
         field = Field(LON, LAT, field.motion + shared, SIGMA, RHO)
-        p.append(measure_shift_by_degree(field, 2, 6, floor(normal_equations(field, 6)))[2])
-        plain.append(measure_shift_by_degree(field, 2, 6, None)[2])
+        p.append(find_degree_shift(field, 2, 6, floor(normal_equations(field, 6)))[2])
+        plain.append(find_degree_shift(field, 2, 6, None)[2])
     # One sky in ten with so little to tell the floor by, and without it more than one in four.
     assert np.mean(np.array(p) < 0.05) < 0.1 + 2.5 * np.sqrt(0.1 * 0.9 / n_skies)
     assert np.mean(np.array(plain) < 0.05) > np.mean(np.array(p) < 0.05)
@@ -98,5 +98,5 @@ def test_by_method_asks_nothing_of_the_errors(monkeypatch, skies):
             field = sky(rng, factor=2.0)
             if tails:
                 field = Field(LON, LAT, rng.standard_t(3, (2, N)) * SIGMA, SIGMA, RHO)
-            p.append(measure_shift_by_method(field, seed)[2])
+            p.append(find_method_shift(field, seed)[2])
         assert kstest(p, "uniform").pvalue > 0.01
