@@ -8,7 +8,7 @@ from scipy import stats
 import fit
 import sim
 from fit.secular_parallax import hubble_constant, observer_velocity
-from sim.astrometry import PARAMETERS, compute_unit_transit_errors, parallax_error, solve_astrometry
+from sim.astrometry import KNOT_INTERVAL, PARAMETERS, compute_unit_transit_errors, parallax_error, solve_astrometry
 from sim.expected import errors_by_place
 from sim.variability import Variability, markov_chain
 from vsh.models.cosmology import BACHCHAN_2016
@@ -101,7 +101,9 @@ def test_variability_spreads_motions_as_predicted():
 
 def test_attitude_noise_is_shared():
     """Two sources at one place, without noise of their own, have the same errors."""
-    attitude = sim.Mission(LAW, attitude=10.0).attitude_noise(2)
+    mission = sim.Mission(LAW, attitude=10.0)
+    attitude = mission.attitude_noise(2)
+    assert attitude.shape == (np.ceil(mission.years / KNOT_INTERVAL) + 1,)
     found = solve_astrometry(one_source(2), np.full(2, 1e-9), rng=1, attitude=attitude)
     np.testing.assert_allclose(found.errors[0], found.errors[1], atol=1e-6)
     assert np.abs(found.errors[0]).max() > 0.1

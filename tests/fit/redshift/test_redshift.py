@@ -334,6 +334,9 @@ def test_bins_with_errors_that_they_share(tmp_path, capsys):
     with pytest.raises(SystemExit):
         main([*words, "--lmax", "2", "--floor"])
     assert "degrees 1 and 2 contain no information on systematic errors" in capsys.readouterr().err
+
+
+def test_flows_are_added_to_the_errors_that_bins_share():
     near = sim.galaxies(3000, 1, min_redshift=0.003, max_redshift=0.03)
     seen = sim.observe(near, sim.spin((0, 0, 0)), 2, sigma=30.0)
     flowing = binned(seen, 3, np.array([0.003, 0.02, 0.03]), n_modes=30)
@@ -343,6 +346,14 @@ def test_bins_with_errors_that_they_share(tmp_path, capsys):
     )
     assert np.trace(with_flows.covariance) > 1.01 * np.trace(without.covariance)
     assert "flows are in these errors" in with_flows.notes
+    # What is added is the block of degree 1 of each pair of bins, the same for every draw.
+    options = {"labels": with_flows.labels, "draws": 60, "noise_scale": flowing.is_scaled}
+    added = with_flows.covariances - fit.background.shared(flowing.normals, None, **options).covariances
+    q, dipole = len(flowing.free), [i for i, k in enumerate(flowing.free) if list(flowing.modes)[k].l == 1]
+    for a in (0, 1):
+        for b in (0, 1):
+            block = flowing.flow_covariance[a * q : (a + 1) * q, b * q : (b + 1) * q][np.ix_(dipole, dipole)]
+            np.testing.assert_allclose(added[:, a, :, b], np.broadcast_to(block, (60, 6, 6)), rtol=1e-6)
 
 
 @pytest.mark.slow
