@@ -15,7 +15,7 @@ from fit import Moments
 from vsh import Field, Modes
 from vsh.io import tables
 from vsh.io.catalogue import parts, read_field
-from vsh.io.parts import InProcess, Parts, Processes, SumTree, as_parts, median, weighted_quantiles
+from vsh.io.parts import Dask, InProcess, Parts, Processes, SumTree, as_parts, median, weighted_quantiles
 from vsh.tools.errors import EmptyFieldError, FieldError, ParameterError, TableError
 
 
@@ -83,6 +83,9 @@ def test_dask(folder, whole):
     assert (Moments.of(parts(delayed), 4).weights == here.weights).all()
     assert (Moments.of(parts(delayed, workers=2), 4).weights == here.weights).all()
     assert len(list(parts(delayed))) == 20
+    reported = []
+    assert Dask().total(len, [dask.delayed(list)(range(n)) for n in (2, 3, 4)], lambda: reported.append(1)) == 9
+    assert len(reported) == 3  # once for each part, however many sums there are
     assert len(parts(delayed[0])) == 1
     frame = pytest.importorskip("dask.dataframe", exc_type=ImportError).read_parquet(sorted(map(str, folder.iterdir())))
     close(Moments.of(parts(frame), 4), whole)
