@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from fit.waves._search import format_simulated_p_value
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, draw_points, legend_above, panels, plot_map, set_log_ticks
+from vsh.tools.digits import format_simulated_p_value
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
 

@@ -29,7 +29,7 @@ from vsh.sky.pixels import centres
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
-from vsh.tools.digits import printed_p_value
+from vsh.tools.digits import format_simulated_p_value, is_reached_by_no_sky, printed_p_value
 from vsh.tools.errors import DegeneracyError, EmptyFieldError, ModesError, ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes
@@ -103,16 +103,6 @@ def draw_maxima(data: WhitenedData, modes: Modes, nside: int, n_skies: int, rng:
         noise = rng.standard_normal((len(data.values), min(100, n_skies - start)))
         maxima.append(sum((component @ noise) ** 2 for component in unit_basis).max(axis=0))
     return np.concatenate(maxima)
-
-
-def format_simulated_p_value(p_value: float, n_skies: int) -> str:
-    """Format a p-value from `n_skies` simulated skies, with "at most" if none of them reached the value."""
-    return "at most " * _is_reached_by_no_sky(p_value, n_skies) + printed_p_value(p_value)
-
-
-def _is_reached_by_no_sky(p_value, n_skies):
-    """Return whether none of the simulated skies reached the value."""
-    return p_value * (1 + n_skies) < 1.5
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -395,7 +385,7 @@ class WaveSpectrum(Result):
         """The lines to quote: whether a wave is detected, and how strong one can be."""
         best_index = int(np.argmax(self.statistic))
         p_text = format_simulated_p_value(self.p_value, self.n_skies)
-        is_detected, is_above_all_skies = self.p_value < SEEN, _is_reached_by_no_sky(self.p_value, self.n_skies)
+        is_detected, is_above_all_skies = self.p_value < SEEN, is_reached_by_no_sky(self.p_value, self.n_skies)
         verdict = "detected" if is_detected else "not decided" if is_above_all_skies else "not detected"
         text = f"{verdict} in a search of {len(self.frequencies)} frequencies, p = {p_text} for all of them together"
         if is_detected:

@@ -49,6 +49,16 @@ def printed_p_value(p: float) -> str:
     return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300" if p == 0 else "–"
 
 
+def format_simulated_p_value(p_value: float, n_skies: int) -> str:
+    """Format a p-value from `n_skies` simulated skies, with "at most" if none of them reached the value."""
+    return "at most " * is_reached_by_no_sky(p_value, n_skies) + printed_p_value(p_value)
+
+
+def is_reached_by_no_sky(p_value: float, n_skies: int) -> bool:
+    """Return whether none of the simulated skies reached the value."""
+    return p_value * (1 + n_skies) < 1.5
+
+
 def format_cell(value: Any, digits: int = 4) -> str:
     """A value of a table as text: numbers to so many digits, and all digits of what is larger."""
     if isinstance(value, (bool, np.bool_)):
