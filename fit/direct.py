@@ -125,14 +125,14 @@ def solve_frame(
             raise FieldError(f"the frame solver takes Fields, or parts of them, not a {type(field).__name__}")
     vector_groups = [("omega", "a")] if offsets is None else [("epsilon",), ("omega", "a")]
     names = tuple(f"{name}_{axis}" for vectors in vector_groups for name in vectors for axis in _AXES)
-    triangulate_motions = partial(_triangulate_equations, first_column=len(names) - 6, size=len(names))
+    triangularise_motions = partial(_triangularise_equations, first_column=len(names) - 6, size=len(names))
     if covariance is None:
-        equations = as_parts(motions).sum(triangulate_motions, roles=(), words="frame solver")
+        equations = as_parts(motions).sum(triangularise_motions, roles=(), words="frame solver")
     else:
-        equations = triangulate_motions(motions, covariance=as_covariance(covariance, motions))
+        equations = triangularise_motions(motions, covariance=as_covariance(covariance, motions))
     if offsets is not None:
         offset_equations = as_parts(offsets).sum(
-            partial(_triangulate_equations, first_column=0, size=len(names)), roles=(), words="frame solver"
+            partial(_triangularise_equations, first_column=0, size=len(names)), roles=(), words="frame solver"
         )
         if offset_equations.frame != equations.frame:
             raise FrameError(
@@ -161,7 +161,7 @@ class _Triangle:
         return replace(self, notes=merge_notes((*self.notes, *notes)))
 
 
-def _triangulate_equations(field, first_column, size, covariance=None):
+def _triangularise_equations(field, first_column, size, covariance=None):
     """The triangle of motions, or of offsets in the first three columns of nine."""
     is_motions = first_column + 6 == size
     if covariance is not None:
@@ -170,13 +170,13 @@ def _triangulate_equations(field, first_column, size, covariance=None):
         _fill_whitened_columns(unit_field, columns.reshape(size + 1, 2, len(field))[first_column:], is_motions)
         return _Triangle(qr(np.asfortranarray(covariance.whiten(columns).T)), 2 * len(field), field.frame, field.notes)
 
-    def triangulate_block(selection):
+    def triangularise_block(selection):
         subset = field[selection]
         columns = np.zeros((size + 1, 2, len(subset)))
         _fill_whitened_columns(subset, columns[first_column:], is_motions)
         return _Triangle(qr(columns.reshape(size + 1, -1).T), 2 * len(subset), field.frame, field.notes)
 
-    return reduce(add_sums, map_blocks(triangulate_block, len(field), _BLOCK_SIZE))
+    return reduce(add_sums, map_blocks(triangularise_block, len(field), _BLOCK_SIZE))
 
 
 def qr(rows: FloatArray) -> FloatArray:

@@ -30,11 +30,11 @@ class Additive:
     notes: tuple[str, ...]
 
     def __add__(self, other: Self) -> Self:
-        return self._combine(other, +1)
+        return self._add_with_sign(other, +1)
 
     def __sub__(self, other: Self) -> Self:
         """Take data away that went in before: a block of the sky, say."""
-        return self._combine(other, -1)
+        return self._add_with_sign(other, -1)
 
     def __radd__(self, other: Any) -> Self:
         return self if other == 0 else NotImplemented  # the start of sum()
@@ -43,7 +43,7 @@ class Additive:
         """Add `notes` that the reader of a result should know."""
         return replace(cast(Any, self), notes=merge_notes((*self.notes, *notes)))
 
-    def _combine(self, other, sign):
+    def _add_with_sign(self, other, sign):
         raise NotImplementedError
 
     def _combine_sums(self, other, sign, names):
@@ -115,7 +115,7 @@ class NormalEquations(Additive, Frozen):
         """Number of sources."""
         return self.n_data // self.modes.components
 
-    def _combine(self, other, sign):
+    def _add_with_sign(self, other, sign):
         if not isinstance(other, NormalEquations):
             return NotImplemented
         if other.modes != self.modes:
@@ -150,7 +150,7 @@ class NormalEquations(Additive, Frozen):
         if other.prior is None:
             return self.prior
         no_prior = replace(other.prior, matrix=0 * other.prior.matrix, rhs=0 * other.prior.rhs, chi2_null=0.0, notes=())
-        return (self.prior or no_prior)._combine(other.prior, sign)
+        return (self.prior or no_prior)._add_with_sign(other.prior, sign)
 
 
 def eliminate(

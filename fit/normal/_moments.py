@@ -259,7 +259,7 @@ class Moments(Additive, Result):
             unit=str(metadata["unit"]),
         )
 
-    def _combine(self, other, sign):
+    def _add_with_sign(self, other, sign):
         if not isinstance(other, Moments):
             return NotImplemented
         if self.frame != other.frame:

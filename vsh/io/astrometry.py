@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vsh.io import tables
-from vsh.io.catalogue import as_doubles, check_degrees
+from vsh.io.catalogue import as_doubles, check_position_unit
 from vsh.io.columns import missing_column, unit_factor
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools.errors import TableError
@@ -187,7 +187,7 @@ class _CatalogueColumns:
             raise TableError(f"{self.table.label}: the table has no rows")
         positions = {role: self.read_numbers(role, n) for role in ("ra", "dec")}
         is_unit_assumed = "ra" in self.names and self.table.units.get(self.names["ra"]) is None
-        check_degrees(positions, is_unit_assumed, names=self.names)
+        check_position_unit(positions, is_unit_assumed, names=self.names)
         lon, lat = positions["ra"] * DEGREE, positions["dec"] * DEGREE
         parallax, *motion = (MAS * self.read_numbers(parameter, n) for parameter in _PARAMETERS[2:])
         is_still = np.nan_to_num(self.read_numbers("still", n)) != 0 if "still" in self.names else np.full(n, still)

@@ -176,7 +176,7 @@ def _describe_missing_correlations(names, source, motion):
 _ENOUGH_PLACES = 20
 
 
-def check_degrees(columns: Any, assumed: bool | None, names: Mapping[str, str] | None = None) -> list[CodedNote]:
+def check_position_unit(columns: Any, assumed: bool | None, names: Mapping[str, str] | None = None) -> list[CodedNote]:
     """Raise FieldError where bare positions look like radians or hours; a doubt about hours where a table has a unit.
 
     `assumed` is None where the user says the unit.

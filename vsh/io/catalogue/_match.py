@@ -10,7 +10,7 @@ import numpy as np
 
 from vsh.field import MEASURED, Field
 from vsh.io import tables
-from vsh.io.catalogue._columns import RowSelection, check_degrees, find_column_unit, parse_sexagesimal
+from vsh.io.catalogue._columns import RowSelection, check_position_unit, find_column_unit, parse_sexagesimal
 from vsh.io.catalogue._names import ColumnRequest
 from vsh.io.columns import missing_column, unit_factor
 from vsh.sky.frames import AXES, Positions
@@ -378,7 +378,7 @@ def read_positions(
             bad &= ~is_given
         unusable[f"{name} missing or not usable"] = bad
     is_unit_assumed = None if {"ra", column_of["ra"]} & {*(units or ())} else bool({"ra", "dec"} & {*unitless})
-    doubt_notes = check_degrees(numbers, is_unit_assumed, names=column_of)
+    doubt_notes = check_position_unit(numbers, is_unit_assumed, names=column_of)
     n = len(numbers["ra"])
     usable, notes = select_usable_rows(unusable, n, on_bad, row_numbers, (numbers["ra"], numbers["dec"]))
     # What a table lacks: errors, for which one is given then, and correlations.

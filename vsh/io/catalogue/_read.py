@@ -20,7 +20,7 @@ from vsh.io.catalogue._columns import (
     RowSelection,
     as_columns,
     as_doubles,
-    check_degrees,
+    check_position_unit,
     convert_identifiers,
     convert_moduli_to_distances,
     describe_mixed_units,
@@ -359,7 +359,7 @@ class _FieldMaker:
             columns["unusable"] = {f"{self.scalar_name} not finite": ~np.ma.filled(finite, True)}
         if not any(self.column_of[role].startswith(ASSUMED) for role in _MOTIONS):
             aside |= find_zero_motion_rows(*(columns[role] for role in _MOTIONS))
-        notes += check_degrees(columns, self.is_position_unit_assumed, names=self.column_of)
+        notes += check_position_unit(columns, self.is_position_unit_assumed, names=self.column_of)
         if self.frames.positions != self.frame:
             turn_positions(columns, self.frames)
         is_flat = all(values.ndim == 1 for values in raw_columns.values())  # others are refused below

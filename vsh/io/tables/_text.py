@@ -291,7 +291,7 @@ def open_text(path: PathName, label: str) -> TableSource:
         # A mark of the byte order, which spreadsheets write, is no part of the first name.
         is_ecsv = top_line.lstrip("\ufeff").replace(" ", "").upper().startswith("#%ECSV")
         if is_ecsv:
-            layout, dtypes, meta, descriptions = _read_ecsv_layout(top_line, lines, label)
+            layout, dtypes, meta, descriptions = _read_ecsv_header(top_line, lines, label)
         else:
             layout, dtypes, meta, descriptions = find_layout(chain([top_line], lines), label), {}, {}, {}
     names, n_columns = layout.names, len(layout.names)
@@ -327,7 +327,7 @@ def open_text(path: PathName, label: str) -> TableSource:
     )
 
 
-def _read_ecsv_layout(top_line, lines, label):
+def _read_ecsv_header(top_line, lines, label):
     """Read layout, types, metadata and descriptions from the header of an ECSV file."""
     comments, header_line = [], top_line
     while header_line.lstrip("\ufeff").startswith("#"):
@@ -398,7 +398,7 @@ def _iterate_records(lines, indices, n_columns, delimiter, label, line_number):
             yield tuple(_unquote_field(value) for value in wanted_fields) if has_quotes else wanted_fields
             continue
         if not line.strip() or line.startswith("#"):  # VizieR ends with #END#
-            _check_single_table(line, line_number, label)
+            _refuse_second_table(line, line_number, label)
             continue
         start_number = line_number
         while line.count('"') % 2:  # a field may hold line breaks
@@ -420,7 +420,7 @@ def _iterate_records_between_blanks(lines, column_indices, layout, label):
     """Iterate over the wanted fields of each row of fields between blanks, or in fixed columns."""
     for number, line in enumerate(lines, layout.skip + 1):
         if not line.strip() or line.startswith("#"):
-            _check_single_table(line, number, label)
+            _refuse_second_table(line, number, label)
             continue
         row = layout.split_line(line.rstrip("\r\n"))
         if row is None:
@@ -441,7 +441,7 @@ def _iterate_records_between_blanks(lines, column_indices, layout, label):
 _TABLE_LINE = re.compile(r"#\s*Table\b", re.IGNORECASE)
 
 
-def _check_single_table(line, number, label):
+def _refuse_second_table(line, number, label):
     """Raise TableError where another table of VizieR begins below the rows."""
     if _TABLE_LINE.match(line):
         raise TableError(
