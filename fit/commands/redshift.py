@@ -521,10 +521,14 @@ def _format_answer_lines(results):
     from fit.secular_parallax import WITH_LOCAL_GROUP
 
     lines += [("assumed", str(note)) for note in notes if has_code(note, WITH_LOCAL_GROUP)]
-    if factor > 1 and ("velocity" in results or "posterior" not in results):
-        lines.append(
-            ("scaled", f"errors of velocity and H0 here are {factor:.3g} times those below, as residuals suggest")
-        )
+    if factor > 1:
+        text = f"errors of velocity and H0 here are {factor:.3g} times those below, as residuals suggest"
+        if "posterior" in results:
+            text = (
+                f"residuals suggest errors {factor:.3g} times as large: the velocity and σ outside have them here, the "
+                "posterior's intervals have not"
+            )
+        lines.append(("scaled", text))
     if any(estimate.flow_covariance is not None for estimate in estimates.values()):
         lines.append(("errors", "do not include flows that galaxies have in common"))
     return lines
@@ -572,9 +576,6 @@ def _format_posterior_lines(posterior, factor):
     """H0 and the speed by the posterior, medians with 68 % intervals, and the priors they rest on."""
     summary, summary_texts = posterior.summary(), posterior.print_summary()
     lines = [("H0", "{}, posterior; {}".format(*_format_posterior_hubble(posterior, factor)))]
-    if factor > 1:
-        caution = f"residuals suggest errors {factor:.3g} times as large as those of the posterior"
-        lines.append(("caution", caution))
     speed = summary.get("speed")
     has_speed = speed is not None and speed.high68 - speed.low68 > 0.02 * speed.median  # otherwise it is the prior's
     if posterior.hubble_limits is not None and (has_speed or np.isfinite(posterior.hubble_limits[1])):

@@ -360,7 +360,7 @@ def test_distance_from_published_hubble_constants_is_in_errors_that_residuals_su
     words = ["--velocity", "1000,264,48", "--flows", "no", "--dispersion", "0", "--sampler", "grid"]
     assert main([str(tmp_path / "small.fits"), *words, "--posterior", "4000", "--redshift-frame", "true"]) == 0
     text = " ".join(capsys.readouterr().out.split())
-    factor = float(re.search(r"residuals suggest errors ([\d.]+) times as large as those of the posterior", text)[1])
+    factor = float(re.search(r"scaled residuals suggest errors ([\d.]+) times as large", text)[1])
     median, low, high, distance = map(
         float, re.search(r"H0 ([\d.]+) km/s/Mpc \(([\d.]+) to ([\d.]+), 68 %\), posterior; ([\d.]+) σ", text).groups()
     )
