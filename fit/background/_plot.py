@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, panels
 from vsh.io.quantities import symbol
-from vsh.tools.digits import printed_p_value
+from vsh.tools.digits import format_p_value
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
 _LABELS = {"flat": "flat in Ω", "root": "flat in √Ω", "coefficients": "coefficients flat"}
@@ -121,7 +121,7 @@ def plot_classes(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
         label = f"{display_names.get(attribute, attribute)} {vector_symbol}\n[{classes.unit}]"
         if len(classes) > 1:
             axes.axhline(len(classes) - 0.5, color="0.7", linewidth=0.8, linestyle=":")  # below it are all together
-            label += f"\nalike: p = {printed_p_value(classes.equality(kind))}"
+            label += f"\nalike: p = {format_p_value(classes.equality(kind))}"
         axes.set(ylim=(len(labels) - 0.5, -0.5), xlabel=label)
         axes.xaxis.set_major_locator(MaxNLocator(4, min_n_ticks=3))
     legend_above(subplots[-1], 3, loc="lower right", bbox_to_anchor=(1.0, 1.0))

@@ -23,7 +23,7 @@ from vsh.io import tables
 from vsh.io.sections import Answer, Section
 from vsh.models.covariance import Spectrum
 from vsh.tools.arguments import between, choice, positive
-from vsh.tools.digits import printed_p_value
+from vsh.tools.digits import format_p_value
 from vsh.tools.errors import ModesError, ParameterError
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 from vsh.tools.units import JULIAN_YEAR, hubble_rate
@@ -167,7 +167,7 @@ class WaveLimit(Result):
         name = "h70² Ω" if self.hubble == 70 else "Ω"
         has_limit = {prior: prior != "coefficients" or np.isfinite(self.squares).all() for prior in PRIOR_TITLES}
         limits: list[Any] = [self.limit(0.95, prior) if has_limit[prior] else np.nan for prior in PRIOR_TITLES]  # type: ignore[arg-type]
-        p_value_text = printed_p_value(self.parity_p_value)
+        p_value_text = format_p_value(self.parity_p_value)
         systematics_phrase = f"; marginalised: systematics, {', '.join(self.systematics)}" if self.systematics else ""
         band_phrase = "f < 1/T with T the time over which the motions were measured"
         if self.years is not None:

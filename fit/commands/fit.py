@@ -231,12 +231,12 @@ def _fit_templates(estimate, templates):
 def _make_answer(solution, results, has_classes):
     """The lines to quote: those of the fit, the limit on waves, and whether classes differ."""
     from fit.results.quality import SEEN
-    from vsh.tools.digits import printed_p_value
+    from vsh.tools.digits import format_p_value
 
     lines = [*solution.answer.lines, *(results["waves"].answer.lines if "waves" in results else ())]
     if has_classes:
         p = results["shared"].verdict().p_value
-        text = f"{'a change' if p < SEEN else 'no change'} from class to class is detected (p = {printed_p_value(p)})"
+        text = f"{'a change' if p < SEEN else 'no change'} from class to class is detected (p = {format_p_value(p)})"
         lines.append(("classes", text))
     return Answer(tuple(lines))
 

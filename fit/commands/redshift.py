@@ -14,7 +14,7 @@ import fit
 import vsh
 from vsh.commands import finishing, parsing, reading, running
 from vsh.io.sections import Answer, Section
-from vsh.tools.digits import format_three_digits, format_with_error, printed_p_value
+from vsh.tools.digits import format_p_value, format_three_digits, format_with_error
 from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError, VshError
 from vsh.tools.notes import DOUBT, count_dropped, count_unselected, has_code
 
@@ -597,7 +597,7 @@ def _format_posterior_lines(posterior, factor):
 
 def _format_p_value(p_value):
     hint = fit.quality.hint_of(p_value)
-    return f"p = {printed_p_value(p_value)}{hint and f', {hint}'}"
+    return f"p = {format_p_value(p_value)}{hint and f', {hint}'}"
 
 
 def _is_hubble_determined(solution):

@@ -26,7 +26,7 @@ from vsh.models.covariance import Covariance, of_errors
 from vsh.modes import Modes, as_modes
 from vsh.sky.frames import Positions
 from vsh.tools import arguments
-from vsh.tools.digits import format_with_error, printed_p_value
+from vsh.tools.digits import format_p_value, format_with_error
 from vsh.tools.errors import ParameterError, VshError
 from vsh.tools.notebook import Frozen
 from vsh.tools.printing import one_line_text
@@ -255,7 +255,7 @@ class FrameComparison(FrameResult, AboutSolution):
         lines = list(super().answer.lines)
         p = self.deformation_p_value if self.by_class is None else self.deformation_p_value_by_class
         if np.isfinite(p):
-            lines.append(("deformation", f"{'' if p < SEEN else 'not '}detected, p = {printed_p_value(p)}"))
+            lines.append(("deformation", f"{'' if p < SEEN else 'not '}detected, p = {format_p_value(p)}"))
         return Answer((*lines, ("errors", f"from {self.best.errors_from}")))
 
     @property
@@ -376,12 +376,12 @@ class FrameComparison(FrameResult, AboutSolution):
             )
         if solution.modes.lmax > 1 and long:
             p_value = self.deformation_p_value_by_class
-            p_values = [f"{printed_p_value(p_value)} with errors rescaled in classes"] * bool(np.isfinite(p_value))
+            p_values = [f"{format_p_value(p_value)} with errors rescaled in classes"] * bool(np.isfinite(p_value))
             errors = f"errors by {self.method}" if self.method else "formal errors"
-            p_values.append(f"{printed_p_value(self.deformation_p_value)} with {errors}")
+            p_values.append(f"{format_p_value(self.deformation_p_value)} with {errors}")
             if self.factor != 1 and not self.method:
                 p_values.append(
-                    f"{printed_p_value(self.deformation_p_value_scaled)} with formal errors times one factor"
+                    f"{format_p_value(self.deformation_p_value_scaled)} with formal errors times one factor"
                 )
             facts.append(("deformation", f"degrees 2 to {solution.modes.lmax}, p = {'; '.join(p_values)}"))
         if self.factor != 1:

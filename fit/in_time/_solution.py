@@ -20,7 +20,7 @@ from vsh.io.sections import Section
 from vsh.modes import Modes
 from vsh.tools import arguments
 from vsh.tools.arguments import covariance, float_array
-from vsh.tools.digits import printed_p_value
+from vsh.tools.digits import format_p_value
 from vsh.tools.errors import ModesError, ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, AxesArray, FloatArray, Kind, OnAxes, Table
@@ -309,7 +309,7 @@ class TimeSolution(Result):
             facts.append(("warning", warning))
         for kind, quantity in (("S", "glide"), ("T", "rotation")):
             chi2, rank, p_value = self.rest(kind)  # type: ignore[arg-type]
-            test_words = f"χ² {chi2:.1f} of {rank} unknowns, p = {printed_p_value(p_value)}"
+            test_words = f"χ² {chi2:.1f} of {rank} unknowns, p = {format_p_value(p_value)}"
             unseen_words = "not seen: an attitude solved from the same sky takes all of it"
             facts.append((f"{quantity} in time", test_words if rank else unseen_words))
         rows = []

@@ -13,7 +13,7 @@ from fit.results.storage import Result
 from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.tools.arguments import not_negative, number, positive
-from vsh.tools.digits import format_with_error, printed_p_value
+from vsh.tools.digits import format_p_value, format_with_error
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, FloatArray, Table
 from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR, KM_S_MYR
@@ -237,7 +237,7 @@ class GalacticOrbit(Result):
     def _sections(self, long):
         vector, remarks = self.acceleration, []
         amplitude = format_with_error(vector.amplitude, vector.amplitude_error)
-        p_value = printed_p_value(self.across_p_value)
+        p_value = format_p_value(self.across_p_value)
         facts = [
             ("amplitude", f"{amplitude} µas/yr, on average {self.amplitude_bias:.3f} too large"),
             ("across", f"p = {p_value} of as much along rotation and north from noise alone"),

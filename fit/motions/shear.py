@@ -19,7 +19,7 @@ from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles
 from vsh.tools import arguments
 from vsh.tools.arguments import between, covariance, float_array, generator, positive, read_only
-from vsh.tools.digits import printed_p_value
+from vsh.tools.digits import format_p_value
 from vsh.tools.errors import ModesError, ParameterError
 from vsh.tools.types import ArrayLike, Axes, BoolArray, FloatArray, Rng, Table
 from vsh.tools.units import hubble_rate
@@ -141,7 +141,7 @@ class Shear(Result):
         super().__post_init__()
 
     def __repr__(self) -> str:
-        return f"<Shear: |Σ| = {self.norm:.3g} µas/yr, p = {printed_p_value(self.p_value)}>"
+        return f"<Shear: |Σ| = {self.norm:.3g} µas/yr, p = {format_p_value(self.p_value)}>"
 
     @property
     def values(self) -> FloatArray:
@@ -202,7 +202,7 @@ class Shear(Result):
         size = f"{norm:.3g} µas/yr as fitted, {self.percent(norm):.3g} % of H0 = {self.hubble:g}"
         facts = [
             ("sources", f"{self.n_data // 2}, degree 2, {self.frame} axes"),
-            ("p-value", f"{printed_p_value(self.p_value)} of as much from noise alone"),
+            ("p-value", f"{format_p_value(self.p_value)} of as much from noise alone"),
             ("|Σ|", f"{size}; below {limit:.3g} µas/yr, {self.percent(limit):.3g} % (95 %)"),
         ]
         directions = np.array([angles(rotation_matrix(self.frame, "galactic") @ axis) for axis in self.axes])
@@ -307,7 +307,7 @@ class ShearByClass(Result):
         return len(self.labels)
 
     def __repr__(self) -> str:
-        return f"<ShearByClass: {len(self)} classes, p of equal ones {printed_p_value(self.equality())}>"
+        return f"<ShearByClass: {len(self)} classes, p of equal ones {format_p_value(self.equality())}>"
 
     @cached_property
     def shears(self) -> tuple[Shear, ...]:
@@ -366,8 +366,8 @@ class ShearByClass(Result):
         facts = [("classes", f"{len(self)}, {self.frame} axes; systematic errors from degree 2 (toroidal) and higher")]
         if len(self) > 1:
             facts += [
-                ("equal tensors", f"p = {printed_p_value(self.equality())}"),
-                ("linear change", f"p = {printed_p_value(self.growth())}"),
+                ("equal tensors", f"p = {format_p_value(self.equality())}"),
+                ("linear change", f"p = {format_p_value(self.growth())}"),
             ]
         title = "Expansion that differs from axis to axis, by class"
         return (Section(title, facts, self.to_table(), notes=self.notes),)

@@ -30,7 +30,7 @@ from vsh.io.sections import Section
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, FLAT_PLANCK13, FLOW_LIMIT, hubble_value, usable_mask
 from vsh.models.flows import FlowModes, LinearTheory
 from vsh.modes import KINDS, Modes
-from vsh.tools.digits import printed_p_value
+from vsh.tools.digits import format_p_value
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, Axes, AxesArray, FloatArray, Kind, OnAxes, Table
 from vsh.tools.units import AU_PER_YEAR
@@ -79,7 +79,7 @@ class Trend(Result):
 
     def _sections(self, long):
         test = self.test
-        facts = [("no slope", f"χ² = {test.chi2:.2f} for {test.dof}, p = {printed_p_value(test.p_value)}")]
+        facts = [("no slope", f"χ² = {test.chi2:.2f} for {test.dof}, p = {format_p_value(test.p_value)}")]
         return (Section("Slopes of spin and acceleration with redshift", facts, self.to_table()),)
 
     def to_table(self) -> Table:

@@ -29,7 +29,7 @@ from vsh.sky.pixels import centres
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
-from vsh.tools.digits import format_simulated_p_value, is_reached_by_no_sky, printed_p_value
+from vsh.tools.digits import format_p_value, format_simulated_p_value, is_reached_by_no_sky
 from vsh.tools.errors import DegeneracyError, EmptyFieldError, ModesError, ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes
@@ -153,7 +153,7 @@ class WaveSearch(Result):
         super().__post_init__()
 
     def __repr__(self) -> str:
-        return f"<WaveSearch: largest 2F {self.statistic.max():.3g}, p = {printed_p_value(self.p_value)}>"
+        return f"<WaveSearch: largest 2F {self.statistic.max():.3g}, p = {format_p_value(self.p_value)}>"
 
     @property
     def nside(self) -> int:
@@ -373,7 +373,7 @@ class WaveSpectrum(Result):
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        return f"<WaveSpectrum: {len(self.frequencies)} frequencies, p = {printed_p_value(self.p_value)}>"
+        return f"<WaveSpectrum: {len(self.frequencies)} frequencies, p = {format_p_value(self.p_value)}>"
 
     @property
     def strain_limits(self) -> FloatArray:

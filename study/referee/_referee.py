@@ -14,7 +14,7 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.sections import Answer, Section, text_of
 from vsh.tools.arguments import generator
-from vsh.tools.digits import printed_p_value
+from vsh.tools.digits import format_p_value
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import Rng, Table
 
@@ -84,9 +84,9 @@ class Referee(InNotebook):
         n_checks = sum(bool(np.isfinite(check.p_value)) for check in self.checks)
         if worst_check is None:
             return "no check was possible"
-        corrected_text = f"p = {printed_p_value(p)} after correction for {n_checks} checks"
+        corrected_text = f"p = {format_p_value(p)} after correction for {n_checks} checks"
         if p >= HINT:
-            smallest_text = f"smallest p = {printed_p_value(worst_check.p_value)}; {corrected_text}"
+            smallest_text = f"smallest p = {format_p_value(worst_check.p_value)}; {corrected_text}"
             return f"none of {n_checks} internal checks contradicts the result ({smallest_text})"
         verdict = "an instrumental effect is detected" if p < SEEN else "weak evidence of an instrumental effect"
         return f"{verdict}: it is not {worst_check.question} ({worst_check.answer}; {corrected_text})"

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fit.results.quality import SEEN
-from vsh.tools.digits import format_with_error, printed_p_value
+from vsh.tools.digits import format_p_value, format_with_error
 from vsh.tools.notebook import InNotebook
 
 
@@ -75,7 +75,7 @@ class Value(NamedTuple):
         if not np.isfinite(self.value):
             return "–"
         if self.kind == "p":
-            return f"p {printed_p_value(self.value)}"
+            return f"p {format_p_value(self.value)}"
         if self.kind == "limit":
             return f"< {self.value:.3g}"
         if not np.isfinite(self.error):
@@ -156,7 +156,7 @@ class Check(InNotebook):
 
 def format_verdict(p_value: float, null_text: str, finding_text: str) -> str:
     """A verdict in words by its p-value."""
-    p_text = f"p = {printed_p_value(p_value)}"
+    p_text = f"p = {format_p_value(p_value)}"
     if not p_value < HINT:  # nan, too
         return f"{null_text} ({p_text})"
     if p_value >= SEEN:

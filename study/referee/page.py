@@ -11,7 +11,7 @@ from study.referee._referee import Referee
 from study.referee._rows import HINT, Analysis, Check, Value
 from vsh.figures import page
 from vsh.figures.plot import COLOURS, WIDTH, allow_many_figures, apply_style, legend_above, panels, plot_field
-from vsh.tools.digits import printed_p_value
+from vsh.tools.digits import format_p_value
 from vsh.tools.types import Axes
 
 
@@ -143,6 +143,6 @@ def _make_analysis_panel(section: Analysis, figures: dict[str, Any]) -> page.Pan
 def _make_checks_table(referee):
     rows = []
     for check in referee.checks:
-        p_values = map(printed_p_value, (check.p_value, check.at_face_value))
+        p_values = map(format_p_value, (check.p_value, check.at_face_value))
         rows.append([check.question, *p_values, f"not tested: {check.lacking}" if check.lacking else check.answer])
     return page.table(["check", "p, shared errors", "p, as quoted", ""], rows, sortable=True)

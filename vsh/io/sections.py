@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.tools.digits import format_cell, format_to_error_digits, format_with_error, printed_p_value
+from vsh.tools.digits import format_cell, format_p_value, format_to_error_digits, format_with_error
 from vsh.tools.notebook import InNotebook
 from vsh.tools.printing import format_labelled_lines, printable
 from vsh.tools.types import Table
@@ -71,7 +71,7 @@ def format_table(
         elif number_format := (forms or {}).get(name):
             cells = [format(value, number_format) for value in values]
         elif name.startswith("p_value"):
-            cells = list(map(printed_p_value, values))
+            cells = list(map(format_p_value, values))
         elif name == "unit":
             cells = list(map(format_unit, values))
         elif name.startswith("correlation_"):

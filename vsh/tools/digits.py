@@ -44,14 +44,14 @@ def format_three_digits(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:#.3g}"
 
 
-def printed_p_value(p: float) -> str:
+def format_p_value(p: float) -> str:
     """A probability as it is printed."""
     return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300" if p == 0 else "–"
 
 
 def format_simulated_p_value(p_value: float, n_skies: int) -> str:
     """Format a p-value from `n_skies` simulated skies, with "at most" if none of them reached the value."""
-    return "at most " * is_reached_by_no_sky(p_value, n_skies) + printed_p_value(p_value)
+    return "at most " * is_reached_by_no_sky(p_value, n_skies) + format_p_value(p_value)
 
 
 def is_reached_by_no_sky(p_value: float, n_skies: int) -> bool:

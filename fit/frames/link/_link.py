@@ -16,7 +16,7 @@ from vsh.io import tables
 from vsh.io.sections import Answer, Section
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools import arguments
-from vsh.tools.digits import printed_p_value
+from vsh.tools.digits import format_p_value
 from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.printing import log_calls
 from vsh.tools.types import Axes, FloatArray, Table
@@ -285,11 +285,11 @@ class StepSearch(FrameResult):
 
     def _sections(self, long):
         lower, upper = self.interval
-        p = printed_p_value(self.p_value)
+        p = format_p_value(self.p_value)
         facts = [
             ("jump", f"p = {p} of one as large by chance, at any of {len(self.places)} places"),
             ("place", f"G = {self.place:.4g} is most probable if there is one; 68 %: {lower:.4g} to {upper:.4g}"),
-            ("largest", f"p = {printed_p_value(float(self.p_values.min()))} of that jump alone, without the search"),
+            ("largest", f"p = {format_p_value(float(self.p_values.min()))} of that jump alone, without the search"),
         ]
         sections = self.solution.sections(long=long)
         link_section = replace(sections[0], title=f"With a jump at the most probable place: {sections[0].title}")

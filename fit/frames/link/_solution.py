@@ -21,7 +21,7 @@ from vsh.models.bright_stars import BRIGHT, published_spin
 from vsh.sky.astrometry import AstrometryRows
 from vsh.sky.frames import rotation_matrix
 from vsh.tools import arguments
-from vsh.tools.digits import format_values, format_with_error, printed_p_value
+from vsh.tools.digits import format_p_value, format_values, format_with_error
 from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.printing import one_line_text
 from vsh.tools.types import Axes, AxesArray, FloatArray, IntArray, OnAxes, Table
@@ -327,13 +327,13 @@ class FrameTie(FrameResult, NamedSolution):
         for step in steps:
             p_value, *p_values = self.jump_p_values(step)
             phrases = [
-                f"{vector} {self._format_jump(step, vector) if p < SEEN else 'not detected'} (p = {printed_p_value(p)})"
+                f"{vector} {self._format_jump(step, vector) if p < SEEN else 'not detected'} (p = {format_p_value(p)})"
                 for vector, p in zip(self._jumping_vectors, p_values, strict=True)
             ]
             # One of two vectors can be detected where both together are not: a hint would contradict it.
             hint = "" if min(p_values) < SEEN else hint_of(p_value)
             if len(p_values) > 1:
-                phrases.append(f"both together p = {printed_p_value(p_value)}{hint and f' ({hint})'}")
+                phrases.append(f"both together p = {format_p_value(p_value)}{hint and f' ({hint})'}")
             remark = "; p-values allow for all places" if self.searched else ""
             lines.append((f"jump at {step:.4g}", ", ".join(phrases) + remark))
         errors = f"{self._format_tails()}, times {self.scale:.3g}: from the residuals of {len(self.sources)} sources"
@@ -393,10 +393,10 @@ class FrameTie(FrameResult, NamedSolution):
         for step in unknowns.steps if long else ():
             p_value, *p_values = self.jump_p_values(step)
             phrases = [
-                f"{vector} {printed_p_value(p)}" for vector, p in zip(self._jumping_vectors, p_values, strict=True)
+                f"{vector} {format_p_value(p)}" for vector, p in zip(self._jumping_vectors, p_values, strict=True)
             ]
             remark = "after allowing for all places" if self.searched else "as if the place were known in advance"
-            phrases += [f"together {printed_p_value(p_value)}"] * (len(p_values) > 1)
+            phrases += [f"together {format_p_value(p_value)}"] * (len(p_values) > 1)
             facts.append((f"p-values of no jump at {step:.4g} mag, {remark}", ", ".join(phrases)))
         return facts
 
@@ -405,8 +405,8 @@ class FrameTie(FrameResult, NamedSolution):
         p_value = self._combine_and_test(self.unknowns.vector_rows(name, catalogue))[2]
         if p_value < SEEN:
             amplitude = format_with_error(vector.amplitude, vector.amplitude_error)
-            return f"{amplitude} {vector.unit}, p = {printed_p_value(p_value)}"
-        return f"not detected: < {vector.amplitude_limit():.3g} {vector.unit} (95 %), p = {printed_p_value(p_value)}"
+            return f"{amplitude} {vector.unit}, p = {format_p_value(p_value)}"
+        return f"not detected: < {vector.amplitude_limit():.3g} {vector.unit} (95 %), p = {format_p_value(p_value)}"
 
     def to_table(self) -> Table:
         """Parameters with their errors, units and correlations as an astropy Table, a row each; tests in its meta."""

@@ -22,7 +22,7 @@ from fit.results.output._text import (
 )
 from fit.results.output._text import square_of as square_of
 from fit.results.output._text import words_of as words_of
-from vsh.tools.digits import printed_p_value as p_value
+from vsh.tools.digits import format_p_value as p_value
 from vsh.tools.modules import lazy_names
 
 if TYPE_CHECKING:

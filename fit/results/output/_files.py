@@ -23,7 +23,7 @@ from vsh.io.sections import Answer
 from vsh.scalars import ScalarField
 from vsh.sky.frames import AXES, title_of
 from vsh.tools.arguments import choice
-from vsh.tools.digits import decimals_of_error, format_with_error, printed_p_value
+from vsh.tools.digits import decimals_of_error, format_p_value, format_with_error
 from vsh.tools.printing import latex_text
 from vsh.tools.types import FloatArray, PathName, Table
 
@@ -92,7 +92,7 @@ def _format_latex_power_rows(solution, style):
     rows = [rf"Power & noise-debiased & error & $p$-value & {_format_latex_squared_unit(solution.unit)} \\"]
     for power in spectrum(solution):
         digits = decimals_of_error(power.error)
-        texts = (*(f"{value:.{digits}f}" for value in (power.debiased, power.error)), printed_p_value(power.p_value))
+        texts = (*(f"{value:.{digits}f}" for value in (power.debiased, power.error)), format_p_value(power.p_value))
         cells = " & ".join(_format_latex_number(text, style) for text in texts)
         rows.append(rf"$P^{{\rm {power.kind}}}_{{{power.l}}}$ & {cells} & \\")
     return rows

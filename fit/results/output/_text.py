@@ -28,7 +28,7 @@ from vsh.io import tables
 from vsh.io.sections import Answer, Section
 from vsh.length import FEWEST_DOF
 from vsh.sky.frames import ANGLES
-from vsh.tools.digits import decimals_of_error, format_three_digits, format_values, format_with_error, printed_p_value
+from vsh.tools.digits import decimals_of_error, format_p_value, format_three_digits, format_values, format_with_error
 from vsh.tools.notes import ASSUMED_UNITS, codes_of, has_code
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, Table
@@ -127,7 +127,7 @@ def power_rows(solution: Any) -> list[tuple[str, ...]]:
             f"{degree.debiased:.5g}",
             f"{degree.error:.3g}",
             f"{np.sqrt(degree.power):.3g}",
-            printed_p_value(degree.p_value),
+            format_p_value(degree.p_value),
             f"{degree.z:.2f}",
             f"{degree.mk_z:.2f}",
         )
@@ -240,7 +240,7 @@ def answer_of(solution: Any) -> Answer:
     if is_of_scalar_field(solution):
         value, error = solution.mean
         mean_text = f"{format_with_error(value, error, '+')} {solution.unit}".rstrip()
-        lines = [("mean", f"{mean_text}, p = {printed_p_value(solution.p_value('F', 0))}")]
+        lines = [("mean", f"{mean_text}, p = {format_p_value(solution.p_value('F', 0))}")]
         lines += [(name, words_of(vector)) for name, vector in vectors_of(solution).items()]
     else:
         lines = [
@@ -276,7 +276,7 @@ def compute_error_factor(solution: Any) -> float:
 
 def words_of(vector: Vector) -> str:
     """Size, place and p-value of a vector; an upper limit where it is not detected."""
-    p_text, unit = printed_p_value(vector.p_value), f" {vector.unit}" * bool(vector.unit)
+    p_text, unit = format_p_value(vector.p_value), f" {vector.unit}" * bool(vector.unit)
     if is_seen(vector):
         return f"{format_amplitude(vector)}{unit} towards {format_direction_with_cone(vector)}, p = {p_text}"
     limit_text = f"< {format_three_digits(vector.amplitude_limit())}{unit} (95 %)"
@@ -295,7 +295,7 @@ def _describe_difference_from_gaia(acceleration: Vector) -> str:
     p = difference.p_value
     hint = "; this may be an instrumental effect" if p < SEEN else ""
     edr3 = f"{format_with_error(gaia.amplitude, gaia.amplitude_error)} {gaia.unit}"
-    return f"this acceleration is {abs(ndtri(max(p, 1e-300) / 2)):.1f} σ from {edr3} (p = {printed_p_value(p)}){hint}"
+    return f"this acceleration is {abs(ndtri(max(p, 1e-300) / 2)):.1f} σ from {edr3} (p = {format_p_value(p)}){hint}"
 
 
 def _describe_errors(solution: Any) -> str:
@@ -456,7 +456,7 @@ def _make_powers_section(solution):
     for kind in solution.modes.kinds:
         kind_powers = [power for power in powers if power.kind == kind]
         columns[kind_names[kind]] = [format_with_error(power.debiased, power.error) for power in kind_powers]
-        columns[f"p ({kind_names[kind]})"] = [printed_p_value(power.p_value) for power in kind_powers]
+        columns[f"p ({kind_names[kind]})"] = [format_p_value(power.p_value) for power in kind_powers]
     title = f"Power by degree {format_squared_unit(solution)}".rstrip()
     title += " minus that of noise, and the p-value: the probability that noise alone gives at least this power"
     return Section(title, (), tables.table_of(columns))

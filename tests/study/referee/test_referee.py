@@ -23,7 +23,7 @@ from study.referee._sections import (
 )
 from study.referee.page import make_html_page
 from vsh import Field
-from vsh.tools.digits import printed_p_value
+from vsh.tools.digits import format_p_value
 from vsh.tools.errors import DegeneracyError, TableError
 
 TRUTH = sim.acceleration((0, -40, -20))
@@ -68,7 +68,7 @@ def test_first_line_is_the_acceleration_with_what_sources_share(answer):
 @pytest.mark.slow
 def test_spin_has_one_p_value(answer):
     """That of its draws, in the first line as in the section on the frame."""
-    assert f"p = {printed_p_value(answer.headline.spin.p_value)}" in answer.report().splitlines()[1]
+    assert f"p = {format_p_value(answer.headline.spin.p_value)}" in answer.report().splitlines()[1]
 
 
 @pytest.mark.slow

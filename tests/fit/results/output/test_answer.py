@@ -20,7 +20,7 @@ from fit.results.output import answer_of, format_amplitude, format_direction, is
 from fit.results.output._text import words_of
 from sim.commands.simulate import main as simulate
 from study.referee import read_quasars, referee
-from vsh.tools.digits import format_with_error, printed_p_value
+from vsh.tools.digits import format_p_value, format_with_error
 from vsh.vector import GAIA_EDR3
 
 
@@ -82,7 +82,7 @@ def test_few_replicates_are_no_evidence():
         solution = resampled.resampled_solution
         for name, kind in (("spin", "T"), ("acceleration", "S")):
             assert getattr(resampled, name).p_value == pytest.approx(solution.p_value(kind, 1), rel=1e-9)
-            assert f"p = {printed_p_value(solution.p_value(kind, 1))}" in line(resampled, name)
+            assert f"p = {format_p_value(solution.p_value(kind, 1))}" in line(resampled, name)
     few = bootstrap(field, 1, 3, 1, progress=False)
     assert few.verdict == (
         "acceleration   no result: a covariance with 2 degrees of freedom does not determine the errors of a vector"
