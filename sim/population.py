@@ -372,9 +372,7 @@ def stars(
     True
     """
     if not STAR_COUNTS[0][0] <= min_magnitude < max_magnitude <= STAR_COUNTS[0][-1]:
-        raise ParameterError(
-            f"magnitudes of stars rise between 10 and 20, not from {min_magnitude:g} to {max_magnitude:g}"
-        )
+        raise ParameterError(f"star magnitudes rise between 10 and 20, not from {min_magnitude:g} to {max_magnitude:g}")
     rng = generator(rng)
     lon, lat = _draw_positions(n, rng, sky, map_frame)
     magnitudes, counts = STAR_COUNTS[0], np.log(STAR_COUNTS[1])

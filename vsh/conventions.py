@@ -168,9 +168,7 @@ def from_vityazev(parameters: Mapping[str, float]) -> Coefficients:
     terms = {name: (i, factor) for i, (name, factor) in enumerate(map(_find_vityazev_name_and_factor, modes))}
     invalid_names = [name for name in parameters if name not in terms]
     if invalid_names:
-        raise ModesError(
-            f"no harmonic is called {', '.join(invalid_names)}: t_2.1.0 is T of degree 2, order 1, the sine"
-        )
+        raise ModesError(f"no harmonic is called {', '.join(invalid_names)}: t_2.1.0 is T of degree 2, order 1, sine")
     values = np.zeros(len(modes))
     for name, value in parameters.items():
         i, factor = terms[name]

@@ -703,9 +703,7 @@ class Field(Equal, SourcesWithErrors):
         frame, unit = (getattr(correction, name, None) for name in ("frame", "unit"))
         model = getattr(correction, "model", correction)
         if not callable(model) or unit not in (None, "µas/yr"):
-            raise ParameterError(
-                f"a correction is a function of a Field, or has a model of motions, not {correction!r}"
-            )
+            raise ParameterError(f"a correction is a function of a Field or has a model of motions, not {correction!r}")
         if frame not in (None, self.frame):
             return self.to_frame(frame).corrected(correction).to_frame(self.frame)
         name = getattr(correction, "__name__", type(correction).__name__)

@@ -261,9 +261,7 @@ class Likelihood(Amplitudes):
         self.noise_scale = bool(noise_scale)
         self._search_start = np.ones(len(shapes))  # of a search
         if self.noise_scale and self.chi2 - self.parts(1e9 * self.unit)[1] <= 1e-9 * normal.chi2_null:
-            raise DegeneracyError(
-                "the residuals are zero: they do not tell the scale of the errors (noise_scale=False)"
-            )
+            raise DegeneracyError("residuals are zero: they do not tell the scale of the errors (noise_scale=False)")
 
     def __call__(self, amplitudes: FloatArray, noise_scale: float = 1.0) -> float:
         """ln L, relative to that of no background with errors as they are."""
@@ -450,9 +448,7 @@ def equations_of(source: Any, scalars: bool = False) -> NormalEquations:
     try:
         matrix = cho_solve(cho_factor(covariance / scale), np.eye(len(scale))) / scale
     except np.linalg.LinAlgError:
-        raise DegeneracyError(
-            "the covariance of this solution is singular: no background can be fitted to it"
-        ) from None
+        raise DegeneracyError("this solution's covariance is singular: no background can be fitted to it") from None
     rhs = matrix @ source.values
     chi2_null = float(source.chi2 + rhs @ source.values)
     notes = drop_empty_notes(source.notes)

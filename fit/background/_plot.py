@@ -111,10 +111,8 @@ def plot_classes(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
         for k, axis in enumerate("xyz" if vectors else ""):
             series[axis] = [(vector.value[k], vector.sigma[k]) for vector in vectors]
         for k, (axis, pairs) in enumerate(series.items()):
-            heights, (values, errors) = positions + 0.2 * (k - (len(series) - 1) / 2), zip(*pairs, strict=True)
-            axes.errorbar(
-                values, heights, xerr=errors, fmt="os^"[k], markersize=3, color=COLOURS[k], label=axis or None
-            )
+            places, (values, errors) = positions + 0.2 * (k - (len(series) - 1) / 2), zip(*pairs, strict=True)
+            axes.errorbar(values, places, xerr=errors, fmt="os^"[k], markersize=3, color=COLOURS[k], label=axis or None)
         axes.axvline(0, color="0.7", linewidth=0.8)
         axes.set_yticks(positions, wrapped_labels if axes is subplots[0] else [""] * len(labels))
         vector_symbol = symbol(f"{attribute}_x").replace("_x", "") if vectors and not display_names else ""

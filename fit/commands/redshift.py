@@ -120,9 +120,7 @@ def _parse_dispersion(text):
 
 def _parse_flows(text):
     if text not in ("yes", "no", "alone") and not text.endswith((".npz", ".npy")):
-        raise argparse.ArgumentTypeError(
-            f"yes, no, alone or a grid of velocities (.npz, .npy) is expected, not {text!r}"
-        )
+        raise argparse.ArgumentTypeError(f"yes, no, alone or a grid of velocities (npz, npy) is expected, not {text!r}")
     return text
 
 

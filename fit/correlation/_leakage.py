@@ -129,9 +129,7 @@ class Leakage(Result):
         else:
             power = np.asarray(power, float)
             if power.ndim and power.shape[-1] != modes.lmax + 1 - lmin:
-                raise ParameterError(
-                    f"a power for each degree from {lmin} to {modes.lmax} is expected, not {power.shape}"
-                )
+                raise ParameterError(f"a power for each degree {lmin} to {modes.lmax} is expected, not {power.shape}")
             spectrum[:, lmin:] = power
         if not (spectrum >= 0).all():
             raise ParameterError("a power cannot be negative")

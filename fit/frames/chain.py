@@ -228,9 +228,7 @@ class FrameNetwork(FrameResult):
         remarks = [("R1, R2, R3 are the rotation with the opposite sign: they rotate the axes, not the sources.")]
         if self.names:
             outliers = ", ".join(f"{n} ({d:.0f})" for n, d in list(zip(self.names, self.distances, strict=True))[:8])
-            remarks.append(
-                f"{len(self.names)} sources excluded, the largest deviations (in standard errors): {outliers}"
-            )
+            remarks.append(f"{len(self.names)} sources excluded; largest deviations (in standard errors): {outliers}")
         notes = merge_notes(self.notes, () if self.shared is None else self.shared.notes)
         quantity = "position" if self.unit == "µas" else "motion"
         title = f"Differences of {quantity} of {len(self.labels)} catalogues in one solution"

@@ -380,9 +380,7 @@ class FrameComparison(FrameResult, AboutSolution):
             errors = f"errors by {self.method}" if self.method else "formal errors"
             p_values.append(f"{format_p_value(self.deformation_p_value)} with {errors}")
             if self.factor != 1 and not self.method:
-                p_values.append(
-                    f"{format_p_value(self.deformation_p_value_scaled)} with formal errors times one factor"
-                )
+                p_values.append(f"{format_p_value(self.deformation_p_value_scaled)} with formal errors times a factor")
             facts.append(("deformation", f"degrees 2 to {solution.modes.lmax}, p = {'; '.join(p_values)}"))
         if self.factor != 1:
             phrase = f"their scatter is {self.factor:.3g} times the formal errors"

@@ -146,9 +146,7 @@ class Moments(Additive, Result):
         lmax = as_modes(lmax, self.kind).lmax
         degree_change = lmax - self.lmax
         if degree_change > 0:
-            raise ModesError(
-                f"moments of degree {self.lmax} do not hold degree {lmax}: sum the sources to degree {lmax}"
-            )
+            raise ModesError(f"moments of degree {self.lmax} do not hold degree {lmax}: sum sources to degree {lmax}")
         if degree_change == 0:
             return self
         return replace(

@@ -145,9 +145,7 @@ def make_template_functions(templates: Any, hubble: float) -> dict[str, Callable
     if isinstance(templates, Mapping) and templates:
         for name, function in templates.items():
             if not callable(function):
-                raise ParameterError(
-                    f"the template {name!r} must be a function of θ [rad], not {type(function).__name__}"
-                )
+                raise ParameterError(f"template {name!r} must be a function of θ [rad], not {type(function).__name__}")
         return dict(templates)
     if isinstance(templates, str) or not isinstance(templates, Sequence) or not templates:
         raise ParameterError(f"templates are some of {', '.join(TEMPLATES)}, or functions by name, not {templates!r}")

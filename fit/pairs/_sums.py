@@ -87,9 +87,7 @@ def sum_pairs(
         if weights is not None:
             weights = float_array("weights", weights, (len(field),))
             if (weights < 0).any() or not weights.any():
-                raise ParameterError(
-                    f"weights are zero or more, and not all zero: {np.sum(weights < 0)} are below zero"
-                )
+                raise ParameterError(f"weights are zero or more, not all zero: {np.sum(weights < 0)} are below zero")
         if len(field) < 2:
             raise FieldError("pairs need two sources at least")
         sums = _sum_pairs_of_part(field, lmax, nside, weights, threads)

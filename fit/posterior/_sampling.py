@@ -263,9 +263,7 @@ class Run:
         self.sampler = emcee.EnsembleSampler(*start.shape, model.log_probability, vectorize=True, moves=moves)
         log_density = model.log_probability(start)
         if not np.isfinite(log_density).all():
-            raise ParameterError(
-                f"{(~np.isfinite(log_density)).sum()} of {len(start)} walkers would start at zero density"
-            )
+            raise ParameterError(f"{(~np.isfinite(log_density)).sum()} of {len(start)} walkers start at zero density")
         self.state = emcee.State(start, log_prob=log_density, random_state=np.random.RandomState(seed).get_state())
         self.start = start, log_density
         self.steps, self.max_steps = steps, max(steps, max_steps)

@@ -100,9 +100,7 @@ def binned(
         edges = equal_information_edges(field, cast(int, edges))
     edges = arguments.float_array("edges", edges)
     if edges.ndim != 1 or len(edges) < 2:
-        raise ParameterError(
-            f"the edges of redshift bins rise from one to the next: two at least, not {edges.tolist()}"
-        )
+        raise ParameterError(f"the edges of redshift bins rise and are two at least, not {edges.tolist()}")
     if not (np.diff(edges) > 0).all():
         fall = int(np.argmin(np.diff(edges) > 0))
         raise ParameterError(

@@ -229,9 +229,7 @@ def _explain_no_permutation(binned_solution, p_values):
     if binned_solution.modes.lmax > 1:
         return "computed with --lmax 1 alone"
     if binned_solution.flow_share > FLOW_MATTERS:
-        return (
-            "not computed, because a permutation of the redshifts destroys the coherent flow of neighbouring galaxies"
-        )
+        return "not computed, because a permutation of redshifts destroys the coherent flow of neighbouring galaxies"
     return "not computed here (fit.redshift.permutation_test does; vsh-redshift of up to 20000 sources without --floor)"
 
 

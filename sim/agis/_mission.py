@@ -214,9 +214,7 @@ def in_own_frame(system: System, solution: AgisSolution) -> AgisSolution:
     parameters = np.where(system.solved[:, None], solution.sources, 0.0)[..., None]
     rotation = np.zeros(6)
     rotation[: system.defect] = system.without_null_space(parameters)[1][:, 0]
-    return solution.rotated(
-        rotation[:3], rotation[3:], "frame: that in which the sources do not turn against the truth"
-    )
+    return solution.rotated(rotation[:3], rotation[3:], "frame: that in which sources do not turn against the truth")
 
 
 KINDS = ("quasars", "galaxies", "stars")

@@ -172,9 +172,7 @@ def _scale_component(component, factor):
     if isinstance(component, ScaledSignal):
         return replace(component, factor=factor * component.factor)
     if hasattr(component, "radial"):
-        raise ParameterError(
-            f"a {type(component).__name__} has redshifts beside its motions, which cannot be multiplied"
-        )
+        raise ParameterError(f"a {type(component).__name__} has redshifts beside motions, which cannot be multiplied")
     return (ScaledInTime if isinstance(component, TimeDependent) else ScaledSignal)(component, factor)
 
 

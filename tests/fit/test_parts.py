@@ -78,7 +78,7 @@ def test_moments_add_and_subtract():
 
 
 def test_moments_say_what_they_cannot():
-    with pytest.raises(ModesError, match="do not hold degree 7: sum the sources to degree 7"):
+    with pytest.raises(ModesError, match="do not hold degree 7: sum sources to degree 7"):
         Moments.of(FIELD[:10], 6).normal_equations(7)
     with pytest.raises(FrameError, match=r'to_frame\("icrs"\)'):
         Moments.of(FIELD[:10], 2) + Moments.of(FIELD[:10].to_frame("galactic"), 2)

@@ -59,7 +59,7 @@ def test_numbers_that_stand_for_none_are_no_motions():
 
 
 @pytest.mark.parametrize(("coord", "error", "words"), [
-    (COORD.fk5, FrameError, "coordinates in fk5 are not supported: convert to icrs, galactic, bary"),
+    (COORD.fk5, FrameError, "coordinates in fk5 are not known: convert to icrs, galactic, bary"),
     (SkyCoord(COORD.ra, COORD.dec), FieldError, "has no proper motions: give it pm_ra_cosdec and pm_dec"),
     ([1, 2], FieldError, "a SkyCoord is expected, not list"),
 ])  # fmt: skip

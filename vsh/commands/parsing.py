@@ -361,9 +361,7 @@ def read_configuration(path: str, command: str) -> Configuration:
     unknown_entries = set(raw) - {"command", "version", "options", "files", "written"}
     if unknown_entries or not all(isinstance(raw.get(name, {}), dict) for name in ("options", "files", "written")):
         entries = ", ".join(sorted(unknown_entries)) or "options and files"
-        raise argparse.ArgumentTypeError(
-            f"{path}: {entries}? A configuration has command, version, [options] and [files]"
-        )
+        raise argparse.ArgumentTypeError(f"{path}: {entries}? A configuration has command, version, [options], [files]")
     if raw.get("command", command) != command:
         raise argparse.ArgumentTypeError(f"{path} is a configuration of {raw['command']}, not of {command}")
     options: dict[str, Any] = {}

@@ -205,9 +205,7 @@ class LinearTheory(Frozen):
     def __post_init__(self) -> None:
         k, power = float_array("k", self.k), float_array("power", self.power)
         if k.ndim != 1 or k.shape != power.shape or k.size < 8 or not (k[0] > 0 and (np.diff(k) > 0).all()):
-            raise ParameterError(
-                "a power spectrum is two arrays of one length, eight at least; k rises from above zero"
-            )
+            raise ParameterError("a power spectrum is two arrays of one length, at least eight; k rises from above 0")
         if not (power > 0).all():
             raise ParameterError("the power of matter is above zero at every wave number")
         self._set_frozen(k=k, power=power, growth_rate=positive("growth_rate", self.growth_rate))

@@ -304,9 +304,7 @@ class AstrometryRows(Frozen):
         return self.name.size
 
     def __repr__(self) -> str:
-        counts = ", ".join(
-            f"{int(np.sum(self.catalogue == catalogue))} of {catalogue}" for catalogue in self.catalogues
-        )
+        counts = ", ".join(f"{int(np.sum(self.catalogue == name))} of {name}" for name in self.catalogues)
         return f"<AstrometryRows: {self.source.max() + 1} sources, rows: {counts}>"
 
     def __getitem__(self, keep: Any) -> AstrometryRows:

@@ -51,9 +51,7 @@ def coordinate_columns(coord: Any, error: type[Exception] = FrameError) -> tuple
     frame_names = {astropy_name: our_name for our_name, astropy_name in FRAMES.items()}
     frame = coord.frame.name
     if frame not in frame_names:
-        raise error(
-            f"coordinates in {frame} are not supported: convert to {', '.join(frame_names)}, as with coord.icrs"
-        )
+        raise error(f"coordinates in {frame} are not known: convert to {', '.join(frame_names)}, as with coord.icrs")
     position = coord.spherical
     columns = {"ra": position.lon.to("deg"), "dec": position.lat.to("deg")}
     if "s" in coord.frame.data.differentials:

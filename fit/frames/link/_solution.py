@@ -112,9 +112,7 @@ class FrameTie(FrameResult, NamedSolution):
         """
         catalogue_name = catalogue or (self.unknowns.turned[0] if self.unknowns.turned else "")
         if name not in self.unknowns.vectors or (name != "acceleration" and catalogue_name not in self.unknowns.turned):
-            raise ParameterError(
-                f"the {name} of {catalogue_name} was not sought: {', '.join(self.unknowns.vectors)} were"
-            )
+            raise ParameterError(f"{name} of {catalogue_name} was not sought: {', '.join(self.unknowns.vectors)} were")
         combination = self.unknowns.vector_rows(name, catalogue_name, magnitude)
         covariance = combination @ self.covariance @ combination.T
         covariance = (covariance + covariance.T) / 2  # of large variances that a prior cancels, rounding is left

@@ -106,7 +106,7 @@ def test_outliers_are_left_out():
     assert chain.names[0] == "17"
     assert len(chain.names) <= 3  # half a source is left out of a catalogue that has no outliers
     assert chain.distances[0] > 30
-    assert "sources excluded, the largest deviations (in standard errors): 17" in chain.report()
+    assert "sources excluded; largest deviations (in standard errors): 17" in chain.report()
 
 
 def test_table_of_degree_four():

@@ -116,7 +116,7 @@ def test_written_by_hand(tmp_path):
 
 
 @pytest.mark.parametrize(("text", "words_of_it"), [
-    ("lmax = 3", "lmax? A configuration has command, version, [options] and [files]"),
+    ("lmax = 3", "lmax? A configuration has command, version, [options], [files]"),
     ("options = 3", "options and files? A configuration"),
     ("[options]\nlmaxx = 3", "vsh-fit has no option 'lmaxx'; nearest: lmax"),
     ("[options]\nlmax = 0", "a whole number of at least 1 is expected, not '0'"),

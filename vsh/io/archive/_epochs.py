@@ -95,9 +95,7 @@ def fetch_epochs(
         if record and any(record.get(key) != value for key, value in request.items()):
             raise ArchiveError(f"{printable(folder)} holds the answer to another request: name another folder")
         if not record and folder.exists() and any(folder.iterdir()):
-            raise ArchiveError(
-                f"{printable(folder)} exists without its note, so its contents are unknown: name another"
-            )
+            raise ArchiveError(f"{printable(folder)} exists without its note, so its content is unknown: name another")
         files: dict[str, str] = dict(record.get("files", {}))
         missing: dict[str, list[int]] = dict(record.get("missing", {}))
         if not record:  # first of all: who is killed in the first batch goes on as well

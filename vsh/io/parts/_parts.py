@@ -169,9 +169,7 @@ def as_parts(field: Any, source_class: type = Field) -> Parts:
         return field
     fields = (field,) if isinstance(field, source_class) else tuple(field) if isinstance(field, list | tuple) else ()
     if not fields or not all(isinstance(field, source_class) for field in fields):
-        raise FieldError(
-            f"a Field, a list of Fields, or parts of a catalogue, are expected, not {type(field).__name__}"
-        )
+        raise FieldError(f"a Field, a list of Fields, or parts of a catalogue are expected, not {type(field).__name__}")
     return Parts(fields, yield_field)
 
 
