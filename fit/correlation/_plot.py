@@ -71,7 +71,7 @@ def plot_influence(
     colour_limit, sky_map = colour_limit / 10.0**exponent, sky_map / 10.0**exponent
     image = draw_map(axes, sky_map, cmap=DIVERGING, vmin=-colour_limit, vmax=colour_limit)
     draw_sources(axes, field.lon, field.lat, max_sources=max_sources, color="0.15", alpha=0.4)
-    label += f", smoothed over {smooth:.0f}°" if smooth > 0 else ""
+    label += f",\nsmoothed over {smooth:.0f}°" if smooth > 0 else ""
     colour_bar(axes, image, f"{label}  [$10^{{{exponent}}}$]" if exponent else label, extend="both")
     axes.set_title(title)
     return axes
