@@ -207,6 +207,7 @@ def test_a_source_is_in_a_field_by_its_name():
     field = replace(random_field(3, 1), name=np.array(["a", "b", "c"]))
     assert "b" in field
     assert "d" not in field
+    assert "b" not in random_field(3, seed=1)  # nobody has a name
     assert "b" not in random_field(3, 1)
 
 

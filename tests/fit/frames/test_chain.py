@@ -1,5 +1,6 @@
 """Chains of catalogues: frames that are put in, common noise, differences that close."""
 
+import re
 from contextlib import suppress
 from dataclasses import replace
 
@@ -107,6 +108,13 @@ def test_outliers_are_left_out():
     assert len(chain.names) <= 3  # half a source is left out of a catalogue that has no outliers
     assert chain.distances[0] > 30
     assert "sources excluded; largest deviations (in standard errors): 17" in chain.report()
+
+
+def test_short_report_has_rotation_and_glide_alone():
+    chain = combine_frames(catalogues(5), 2)
+    terms = {long: re.findall(r"^  ([RDEM]\S*) ", chain.report(long=long), re.MULTILINE) for long in (False, True)}
+    assert terms[False] == ["R1", "R2", "R3", "D1", "D2", "D3"]
+    assert len(terms[True]) == 16
 
 
 def test_table_of_degree_four():
