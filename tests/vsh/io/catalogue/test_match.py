@@ -53,6 +53,15 @@ def test_offsets_come_out(by):
     np.testing.assert_allclose(fit.fit_field(field, 2).coefficients.values, np.arange(16.0), atol=1e-3)
 
 
+@pytest.mark.parametrize(("error", "doubt"), [(0.2, None), (2e5, "above 2e+05 mas"), (2e-9, "below 2e-09 mas")])
+def test_errors_of_positions_without_a_unit_are_doubted_where_no_list_has_them(error, doubt, tmp_path):
+    columns = {"ra": np.linspace(1, 300, 9), "dec": np.linspace(-40, 50, 9), "ra_error": np.full(9, error)}
+    Table(columns | {"dec_error": np.full(9, error)}).write(tmp_path / "bare.csv")
+    notes = [str(note) for note in read_positions(tmp_path / "bare.csv").notes if "half of the errors" in note]
+    assert len(notes) == (doubt is not None)
+    assert all(f"half of the errors are {doubt}" in note for note in notes)
+
+
 def test_unmatched_and_ambiguous_sources_are_counted():
     a, b = positions(), positions()
     b = replace(b, name=np.where(np.arange(len(b)) < 3, "Q7", b.name))  # four of that name now
