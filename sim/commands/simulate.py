@@ -217,6 +217,8 @@ def _write_catalogue(options):
         field = vsh.models.cosmology.with_redshift(field)  # our own default output is what our own default input takes
     field.write(options.output, meta, overwrite=options.overwrite)  # another run may have written it meanwhile
     notes += field.notes
+    if options.kind == "vlbi":
+        notes.append("note: pmra and pmdec are offsets, mas for mas/yr: the spin of a fit is their orientation, in µas")
     if vsh.io.tables.format_of(options.output) == "ascii.csv":
         notes.append("note: CSV has no place for the truth; FITS, ECSV, VOTable and Parquet keep it with the table")
     _finish(options, notes, meta, f"{len(field)} sources")

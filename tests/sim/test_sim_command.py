@@ -122,6 +122,11 @@ def test_release_has_its_errors(tmp_path):
         assert np.median(found / wanted) == pytest.approx(1, abs=0.15)
 
 
+def test_offsets_are_said_not_to_be_motions(tmp_path, capsys):
+    assert main(["vlbi", "--number", "20", "--output", str(tmp_path / "v.fits")]) == 0
+    assert "the spin of a fit is their orientation, in µas" in " ".join(capsys.readouterr().out.split())
+
+
 def test_positions_of_ones_own(tmp_path, capsys):
     """Redshifts and places are those of the table; what has no distance is counted, magnitudes are drawn where missing."""
     rng = np.random.default_rng(1)

@@ -229,10 +229,8 @@ def list_remote_tables(location: RemotePath) -> list[RemotePath]:
     if "hats.properties" in inside or ("properties" in inside and any(p.startswith("dataset/") for p in inside)):
         paths = {p: full for p, full in inside.items() if p.startswith("dataset/Norder=") and p.endswith(".parquet")}
     else:
-        hidden_paths = {
-            p for p in inside if any(component.startswith((".", "_")) for component in PurePosixPath(p).parts)
-        }
-        paths = {p: full for p, full in inside.items() if p not in hidden_paths and _find_format_by_ending(p)}
+        hidden = {p for p in inside if any(component.startswith((".", "_")) for component in PurePosixPath(p).parts)}
+        paths = {p: full for p, full in inside.items() if p not in hidden and _find_format_by_ending(p)}
     if not paths:
         raise TableError(f"{location.label} is a folder without tables: known endings are {', '.join(formats.READ)}")
     file_formats = {_find_format_by_ending(p) for p in paths}
@@ -417,9 +415,7 @@ def _find_format_and_files(path, label, format=None):
     """Find the format and the files of a folder."""
     path = _find_main_catalogue(path, label)
     if _is_hats_catalogue(path):  # beside its partitions lie a thumbnail of them, and maps of the sky
-        files = [
-            partition for partition in sorted((path / "dataset").glob("Norder=*/**/*.parquet")) if partition.is_file()
-        ]
+        files = [file for file in sorted((path / "dataset").glob("Norder=*/**/*.parquet")) if file.is_file()]
         if not files:
             raise TableError(f"{label} is a catalogue in HATS format without partitions")
         return "parquet", _select_listed_partitions(path, files, label)
