@@ -78,7 +78,7 @@ axes.figure.savefig("tracks.png", dpi=300)
 # The galaxies that Gaia sees as points: magnitudes and redshifts.
 galaxies = sim.galaxies(20_000, rng=6)
 subplots = panels(None, 1, 2, size=(WIDTH, 1.9))
-for axes, name, values in zip(subplots, ("G", "redshift"), (galaxies.magnitude, galaxies.redshift), strict=True):
+for axes, name, values in zip(subplots, ("G  [mag]", "redshift"), (galaxies.magnitude, galaxies.redshift), strict=True):
     axes.hist(values, bins=60, color=COLOURS[0])
     axes.set(xlabel=name, ylabel="sources")
 axes.figure.savefig("galaxies.png", dpi=300)
@@ -89,7 +89,7 @@ z = np.geomspace(1e-3, 6, 400)
 distance = transverse_distance(z)
 subplots = panels(None, 1, 2, size=(WIDTH, 2.2))
 for axes, values, label in zip(
-    subplots, (distance, 369 / (AU_PER_YEAR * distance)), ("distance [Mpc]", "parallax [µas/yr]"), strict=True
+    subplots, (distance, 369 / (AU_PER_YEAR * distance)), ("distance [Mpc]", "secular parallax [µas/yr]"), strict=True
 ):
     axes.loglog(z, values, color=COLOURS[0])
     axes.set(xlabel="redshift", ylabel=label)

@@ -9,29 +9,25 @@ from matplotlib.ticker import MaxNLocator
 
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, panels
 from vsh.io.quantities import symbol
-from vsh.tools.digits import format_p_value
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
-_LABELS = {"flat": "flat in Ω", "root": "flat in √Ω", "coefficients": "coefficients flat"}
+_LABELS = {"flat": "flat in Ω", "root": "flat in √Ω"}
 
 
 @apply_style
 def plot_wave_limit(limit: Any, *, ax: Axes | None = None) -> Axes:
     """The posteriors of Ω for priors flat in Ω and in √Ω, with the upper limits."""
     (axes,) = panels(ax, size=(WIDTH, 2.9))
-    priors = [key for key in _LABELS if key != "coefficients" or np.isfinite(limit.squares).all()]
-    limits = {prior: limit.limit(0.95, prior) for prior in priors}
-    largest_omega = max(1.35 * limits["flat"], 1.05 * min(max(limits.values()), 3 * limits["flat"]))
+    limits = {prior: limit.limit(0.95, prior) for prior in _LABELS}
+    largest_omega = 1.35 * limits["flat"]
     omega = np.linspace(0, largest_omega, 1500)[1:]
-    for prior in ("flat", "root"):
+    for prior in _LABELS:
         density = limit.likelihood(omega) * (1 if prior == "flat" else omega**-0.5)
         density /= np.sum(density) * (omega[1] - omega[0])
         axes.plot(omega, density, color=_colour(prior), label=f"posterior, {_LABELS[prior]}")
     for prior, value in limits.items():
-        if value < largest_omega:  # far beyond, it would be named and not seen
-            axes.axvline(
-                value, color=_colour(prior), linestyle="--", linewidth=0.8, label=f"< {value:.2g}, {_LABELS[prior]}"
-            )
+        label = f"< {value:.2g}, {_LABELS[prior]}"
+        axes.axvline(value, color=_colour(prior), linestyle="--", linewidth=0.8, label=label)
     highest_density = float(np.max(limit.likelihood(omega) / (np.sum(limit.likelihood(omega)) * (omega[1] - omega[0]))))
     # A prior flat in √Ω rises without end towards zero.
     axes.set(xlim=(0, largest_omega), ylim=(0, 1.6 * highest_density), ylabel="density (dashed: 95 % limits)")
@@ -85,7 +81,7 @@ def plot_cross_powers(powers: Any, *, ax: Axes | None = None) -> Axes:
     degrees = np.arange(2, powers.degrees.max() + 1)
     for degree in degrees[1:]:
         axes.axvline(degree - 0.5, color="0.8", linewidth=0.6, linestyle=":")
-    axes.axhline(0, color="0.7", linewidth=0.8)
+    axes.axhline(0, color="0.7", linewidth=0.8, zorder=1)
     axes.set(xticks=degrees, xlabel="degree $\\ell$", ylabel="projection on the template / its error")
     legend_above(axes, 2, fontsize=6.5, columnspacing=0.8, handletextpad=0.3)
     return axes
@@ -119,7 +115,7 @@ def plot_classes(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
         label = f"{display_names.get(attribute, attribute)} {vector_symbol}\n[{classes.unit}]"
         if len(classes) > 1:
             axes.axhline(len(classes) - 0.5, color="0.7", linewidth=0.8, linestyle=":")  # below it are all together
-            label += f"\nalike: p = {format_p_value(classes.equality(kind))}"
+            label += f"\nagree: p = {classes.equality(kind):.2g}"
         axes.set(ylim=(len(labels) - 0.5, -0.5), xlabel=label)
         axes.xaxis.set_major_locator(MaxNLocator(4, min_n_ticks=3))
     legend_above(subplots[-1], 3, loc="lower right", bbox_to_anchor=(1.0, 1.0))

@@ -16,7 +16,6 @@ from vsh.io.sections import Answer
 from vsh.sky.frames import FRAMES
 from vsh.tools.errors import EmptySelectionError, ModesError, ParameterError, TableError, VshError
 from vsh.tools.notes import count_dropped, count_unselected
-from vsh.tools.printing import printable
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -189,7 +188,7 @@ def _run(options):
             finishing.Part(
                 "solution",
                 solution,
-                plot=lambda: _draw_figures(solution, sources, estimate.source_weights, options.value),
+                plot=lambda: fit.output.draw_figures(solution, sources, estimate.source_weights, options.value),
                 tables=lambda: {
                     "vectors": fit.output.vectors_table(solution),
                     "powers": fit.output.powers_table(solution),
@@ -210,15 +209,6 @@ def _run(options):
         counts=_count_rows(solution, estimate.n_clipped, options.where),
         page=write_page,
     )
-
-
-def _draw_figures(solution, sources, weights, value_name):
-    """Draw the figures of a fit; a map of numbers says whose."""
-    figures = fit.output.draw_figures(solution, sources, weights)
-    if value_name:
-        name = printable(value_name.partition(",")[0])
-        figures["sky"].title.set_text(f"{name} of {figures['sky'].get_title()}".replace(" and ", "\nand "))
-    return figures
 
 
 def _fit_templates(estimate, templates):

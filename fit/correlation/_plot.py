@@ -65,7 +65,7 @@ def plot_influence(
         smooth = float(np.clip(2 * np.degrees(np.sqrt(4 * _SOURCES_PER_BEAM / max(1, len(field)))), 0.0, 60.0))
     smooth = smooth if find_spec("healpy") else 0.0  # there is none for Windows
     sky_map = smooth_map(values, smooth) if smooth > 0 else np.asarray(values, float)
-    axes = sky_axes(field.frame, ax, below=0.45 + 0.14 * title.count("\n"))
+    axes = sky_axes(field.frame, ax, below=0.6 + 0.14 * title.count("\n"))
     colour_limit = float(np.percentile(np.abs(sky_map[sky_map != 0]), 99)) if np.any(sky_map) else 1.0
     exponent = int(np.floor(np.log10(colour_limit))) if colour_limit < 0.01 else 0
     colour_limit, sky_map = colour_limit / 10.0**exponent, sky_map / 10.0**exponent

@@ -26,7 +26,7 @@ def plot_pairs(correlation: Any, fit: Any = None, *, ax: OnAxes | None = None) -
     if fit is not None:
         for curve, colour, label in zip(fit.curves, (_PLUS, _MINUS), ("fit of ξ₊", "fit of ξ₋"), strict=True):
             axes.plot(degrees, curve, color=colour, alpha=0.8, label=label)
-    axes.axhline(0, color="0.6", linewidth=0.6)
+    axes.axhline(0, color="0.6", linewidth=0.6, zorder=1)
     axes.set_ylabel(_CORRELATION_LABEL)
     legend_above(axes, 4)
     if correlation.edges[-1] > np.pi / 2:
@@ -50,7 +50,7 @@ def plot_curves(fit: Any, *, ax: Axes | None = None) -> Axes:
     (axes,) = panels(ax)
     for curve, colour, label in zip(fit.curves, (_PLUS, _MINUS), ("ξ₊", "ξ₋"), strict=True):
         axes.plot(np.degrees(fit.theta), curve, color=colour, label=label)
-    axes.axhline(0, color="0.6", linewidth=0.6)
+    axes.axhline(0, color="0.6", linewidth=0.6, zorder=1)
     axes.set(xlabel=_ANGLE_LABEL, ylabel=_CORRELATION_LABEL)
     legend_above(axes)
     return axes

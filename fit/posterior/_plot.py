@@ -138,15 +138,15 @@ def _draw_hubble_prior(subplots, posterior, names):
 
 
 @apply_style
-def plot_trace(posterior: Any, n_shown: int = 40, *, ax: OnAxes | None = None) -> AxesArray:
+def plot_trace(posterior: Any, n_shown: int = 10, *, ax: OnAxes | None = None) -> AxesArray:
     """Coordinates of some walkers against steps; the burn-in shaded, R̂ and the effective size beside each."""
     names, chain = posterior.model.names, posterior.chain
     subplots = panels(ax, len(names), 1, size=(WIDTH, 0.75 * len(names) + 0.5), sharex=True)
-    walker_stride, step_stride = max(1, chain.shape[1] // n_shown), max(1, len(chain) // 2000)
+    walker_stride, step_stride = max(1, chain.shape[1] // n_shown), max(1, len(chain) // 400)
     r_hat, size, steps = posterior.r_hat, posterior.effective_size, np.arange(0, len(chain), step_stride)
     for axes, name, values in zip(subplots, names, np.moveaxis(chain, 2, 0), strict=True):
         shown_chains = values[::step_stride, ::walker_stride]
-        axes.plot(steps, shown_chains, color=COLOURS[0], alpha=0.2, linewidth=0.3, rasterized=True)
+        axes.plot(steps, shown_chains, color=COLOURS[0], alpha=0.4, linewidth=0.4, rasterized=True)
         if posterior.burn_in:
             axes.axvspan(0, posterior.burn_in, color="0.85", zorder=0)
         axes.set_ylabel(format_quantity_label(name) if name in UNITS else symbol(name))

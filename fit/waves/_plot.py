@@ -15,7 +15,7 @@ from vsh.tools.types import Axes, AxesArray, OnAxes
 def plot_search(search: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """2F and the limit of every direction that a wave may travel to."""
     p_text = format_simulated_p_value(search.p_value, search.n_skies)
-    heading = f"largest 2F = {search.statistic.max():.1f}; p-value {p_text} with all directions looked at"
+    heading = f"largest 2F = {search.statistic.max():.1f};\np-value {p_text} with all directions looked at"
     subplots = panels(ax, 2, 1, size=(WIDTH, 5.2))
     for panel, map_values, label, cmap, title in (
         (0, search.statistic, "2F of a wave that travels there", "viridis", heading),

@@ -68,7 +68,7 @@ def test_sky_of_a_fit_and_of_a_signal(field):
         axes = solution.plot_sky(of)
         assert axes.get_title() == "300 sources and the field fitted to degree 2"
         assert (len(axes.collections) > len(solution.plot_sky().collections)) == (of is not None)
-    for signal, redshift, key in ((sim.spin((0, 0, 0)), None, []), (sim.secular_parallax((370.0, 0, 0)), 0.01, ["5"])):
+    for signal, redshift, key in ((sim.spin((0, 0, 0)), None, []), (sim.secular_parallax((370.0, 0, 0)), 0.01, ["3"])):
         words = [text.get_text() for text in signal.plot(redshift).figure.findobj(Text)]
         assert [word.removesuffix(" µas/yr") for word in words if "µas" in word] == key
 

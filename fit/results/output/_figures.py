@@ -37,6 +37,7 @@ from vsh.scalars import ScalarField
 from vsh.sky.frames import title_of
 from vsh.sky.pixels import pixels_of
 from vsh.tools.digits import format_with_error
+from vsh.tools.printing import printable
 from vsh.tools.types import Axes, FloatArray
 from vsh.vector import correlation_of
 
@@ -44,9 +45,11 @@ from vsh.vector import correlation_of
 _SIGNAL_P_VALUE = 0.05
 
 
-def plot_sky(solution: Any, field: Any = None, *, ax: Axes | None = None) -> Any:
-    """The fitted field on the sky, of motions or of a scalar, with its sources where a field is given."""
+def plot_sky(solution: Any, field: Any = None, *, value: str | None = None, ax: Axes | None = None) -> Any:
+    """The fitted field on the sky, of motions or of a scalar `value`, with its sources where a field is given."""
     title = f"{solution.n_sources} sources and the field fitted to degree {solution.modes.lmax}"
+    if value:
+        title = f"{printable(value.partition(',')[0])} of {title}".replace(" and ", "\nand ")
     plot_options = {"frame": solution.frame, "title": title, "ax": ax, "unit": solution.unit}
     if solution.modes.components == 1:
         return plot_scalar_field(field, solution.coefficients, covariance=solution.covariance, **plot_options)
@@ -117,7 +120,7 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     set_log_ticks(root_axis.yaxis, *np.sqrt(power_range))
     if has_limits:
         legend_handles.append(
-            Line2D([], [], color="0.3", marker="v", markersize=3, linestyle="none", label="95 % limit, p > 0.05")
+            Line2D([], [], color="0.3", marker="$\\top$", linestyle="none", label="95 % limit (bar), p > 0.05")
         )
     legend_handles.append(Line2D([], [], color="0.3", linestyle=":", label="noise alone"))
     mean_text = None

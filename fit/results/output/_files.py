@@ -196,13 +196,16 @@ def write_tables(
 
 
 def draw_figures(
-    solution: Any, field: Field | ScalarField | Parts, weights: FloatArray | None = None
+    solution: Any, field: Field | ScalarField | Parts, weights: FloatArray | None = None, value: str | None = None
 ) -> dict[str, Any]:
-    """The sky, the spectrum, the correlations and the residuals: matplotlib axes by name; `weights` of a robust fit."""
+    """The sky, the spectrum, the correlations and the residuals: matplotlib axes by name.
+
+    `weights` are those of a robust fit, and `value` is how a number and its error are called.
+    """
     from fit.results.output._figures import plot_correlation, plot_residuals, plot_sky, plot_spectrum
 
     return {
-        "sky": plot_sky(solution, sample_of(field) if isinstance(field, Parts) else field),
+        "sky": plot_sky(solution, sample_of(field) if isinstance(field, Parts) else field, value=value),
         "spectrum": plot_spectrum(solution),
         "correlation": plot_correlation(solution),
         "residuals": plot_residuals(solution, field, weights=weights if isinstance(field, Field) else None),

@@ -101,7 +101,7 @@ def test_positions_are_enough():
         (lambda f: influence_map(f, 1, ("a_x", "a_y"), quantity="value"), ParameterError, "of one parameter"),
         (lambda f: influence_map(f, 1, "a_x", nside=3), FieldError, "power of two"),
         (lambda f: leakage(f, 3, 2), ModesError, "above the fitted degree 3"),
-        (lambda f: leakage(f, 1, 3).bias([1.0]), ParameterError, "each degree from 2 to 3"),
+        (lambda f: leakage(f, 1, 3).bias([1.0]), ParameterError, "each degree 2 to 3"),
         (lambda f: leakage(f, 1, 3).bias({4: 1.0}), ParameterError, "degree 4 is none of"),
         (lambda f: leakage(f, 1, 3).bias(-1.0), ParameterError, "cannot be negative"),
     ],

@@ -108,7 +108,7 @@ def draw_arrow_key(axes: SkyAxes, largest_motion: float, unit: str, longest: flo
     length = _round_up(1.5 * largest_motion)
     arrow_share = np.radians(longest) / (2 * PROJECTIONS[axes.projection_name][1]) * length / largest_motion
     arrow_style = {"arrowstyle": "-|>,head_width=0.12,head_length=0.25", "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
-    ends = (arrow_share, 0.055), (0.0, 0.055)
+    ends = (arrow_share, 0.075), (0.0, 0.075)
     axes.annotate("", *ends, xycoords="axes fraction", arrowprops=arrow_style | {"color": _KEY_STYLE["color"]})
     axes.text(0.0, -0.012, f"{length:g} {unit}", transform=axes.transAxes, va="bottom", **_KEY_STYLE)
 
@@ -300,15 +300,22 @@ def plot_field(
     if hatching is not None:
         handles.append(_make_gap_legend_handle())
     if is_noise:
-        label = f"arrows: not detected, p ≥ {chance:.2g}"
+        label = f"not detected, p = {chance:.2g}"
         handles.append(Patch(facecolor=_NOISE_COLOUR, linewidth=0.0, label=label))
     if handles:
-        placement: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.02), "borderaxespad": 0, "ncols": 2}
+        placement: Any = {
+            "loc": "upper center",
+            "bbox_to_anchor": (0.5, -0.02),
+            "borderaxespad": 0,
+            "ncols": 2,
+            "columnspacing": 1.0,
+            "handlelength": 1.4,
+        }
         axes.legend(handles=handles, title=legend_title, fontsize=6.5, title_fontsize=6.5, **placement)
     if is_covariance_known and not is_noise:
         scale = ScalarMappable(Normalize(0, top), _make_significance_colormap(top))
         bar = colour_bar(axes, scale, r"$\sqrt{v^T C^{-1} v}$ of an arrow (grey: $p > 0.05$)", extend="max", shrink=0.6)
-        bar.set_ticks(np.linspace(0, top, 6 if top > TOP else 7))
+        bar.set_ticks(np.linspace(0, top, 6 if top in (10, 15, 50, 100) else 7))
     title_start = "T" if field is None else f"{len(field)} sources and t"
     axes.set_title(title or f"{title_start}he field fitted to degree {modes.lmax}")
     return axes
@@ -357,9 +364,9 @@ _NOISE_COLOUR = "0.45"
 
 
 def _round_up(number):
-    """The next of 1, 2, 5, 10, 20, …"""
+    """The next of 1, 1.5, 2, 3, 5, 10, 15, …"""
     power_of_ten = 10 ** np.floor(np.log10(number))
-    return float(min(k * power_of_ten for k in (1, 2, 5, 10) if k * power_of_ten >= number))
+    return float(min(k * power_of_ten for k in (1, 1.5, 2, 3, 5, 10) if k * power_of_ten >= number))
 
 
 def _make_significance_colormap(top):

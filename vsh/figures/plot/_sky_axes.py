@@ -352,7 +352,7 @@ def draw_matrix(axes: Axes, matrix: FloatArray, names: Sequence[str], groups: Se
     """Correlations as colours about zero, with their values where there is room; the diagonal left out."""
     k = len(names)
     off_diagonal = np.where(np.eye(k) > 0, np.nan, matrix)
-    reach = max(float(np.nanmax(np.abs(off_diagonal))) if k > 1 else 0.0, 1e-3)
+    reach = max(float(np.nanmax(np.abs(off_diagonal))) if k > 1 else 0.0, 0.2)  # less has no strong colour
     axes.set_facecolor("0.85")
     image = axes.imshow(off_diagonal, cmap=DIVERGING, vmin=-reach, vmax=reach)
     axes.spines[["top", "right"]].set_visible(True)
