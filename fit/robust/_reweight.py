@@ -365,6 +365,10 @@ def _fit_plain_and_reweighted(sky, modes, t_weights, tolerance, max_rounds, leas
         return plain, *fit_from(np.zeros(len(modes))), None
 
 
+#: Newton's steps go to the maximum where the curvature is more than this of what the weights would give.
+_LEAST_CURVATURE = 0.3
+
+
 def _fit_by_newton(sky, plain, t_weights, information, tolerance, max_rounds, least_nu):
     """The weighted fit of many sources by Newton's steps, each one pass: from that of a sample, or the plain one.
 
@@ -389,6 +393,8 @@ def _fit_by_newton(sky, plain, t_weights, information, tolerance, max_rounds, le
         solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
         weigher, words = SourceWeights(solution, t_weights, leverage), f"{_LABEL}, step {rounds}"
         sums = sky.sum(partial(_sum_newton_terms, weigher=weigher), roles=(), words=words)
+        if sums["ψ'"] < _LEAST_CURVATURE * sums["u"]:  # 0.55 and more near the maximum
+            raise ConvergenceError("the likelihood is not convex here: a few sources threw the plain fit far off")
         step = plain.covariance @ sums["score"] * (sums["information"] / sums["ψ'"])
         step = step if inverse is None else inverse @ sums["score"]
         if np.abs(step / plain.sigma).max() > _SLOW_STEP_RATIO * previous_change > 0:

@@ -1,5 +1,7 @@
 """Robust likelihoods and excess noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import few_or_many, real_catalogue
@@ -310,3 +312,18 @@ def test_noise_of_student_t_is_added_in_quadrature():
     np.testing.assert_allclose(
         one.equations(field, 1).matrix, two.equations(field.with_errors(wide, rho), 1).matrix, rtol=1e-9
     )
+
+
+@pytest.mark.parametrize("size", [1e5, 5e5])
+@pytest.mark.parametrize("number", [5, 100])
+def test_few_motions_of_a_thousand_errors_throw_nothing_off(number, size):
+    """Newton's steps from a plain fit that they had thrown off went to 1e23 µas/yr, and were said to have converged."""
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        field = sim.observe(sim.quasars(5000, rng, "igql"), sim.spin((5.0, -8.0, 10.0)), rng, sigma=100.0)
+        motion = field.motion.copy()
+        motion[:, :number] += rng.normal(size=(2, number)) * size
+        fitted = student_t(replace(field, motion=motion), 1)
+        clean = student_t(field[number:], 1).solution
+        assert np.abs((fitted.solution.values - clean.values) / clean.sigma).max() < 0.5 + 0.01 * number
+        assert (fitted.solution.sigma < 1.6 * clean.sigma).all()
