@@ -34,7 +34,7 @@ from vsh.tools.types import ArrayLike, Axes, BoolArray, FloatArray, OnBad, PathN
 from vsh.tools.units import DEGREE, MAS
 
 #: Beyond these a number stands for a missing value, or is none.
-_PLAUSIBLE_RANGES = {"redshift": (-1.0, 20.0), "magnitude": (-30.0, 50.0), "redshift_error": (-1e-300, 100.0),
+PLAUSIBLE_RANGES = {"redshift": (-1.0, 20.0), "magnitude": (-30.0, 50.0), "redshift_error": (-1e-300, 100.0),
               "distance": (0.0, 1e6), "distance_error": (0.0, 1e6),
               "parallax": (-1e5, 1e5), "parallax_error": (0.0, 1e5)}  # fmt: skip
 #: Redshifts that surveys write where they have none: several of exactly one of these are none.
@@ -79,7 +79,7 @@ def make_field_arrays(
         np.multiply(columns[column], DEGREE if column in ("ra", "dec") else MAS, out=row)
     (lon, lat), motion, sigma = block[:2], block[2:4], block[4:]
     rho = columns["pmra_pmdec_corr"]
-    for column, (lower, upper) in _PLAUSIBLE_RANGES.items():
+    for column, (lower, upper) in PLAUSIBLE_RANGES.items():
         if column in columns:
             values = np.where(missing[column], np.nan, columns[column])
             is_implausible = np.isfinite(values) & ~((values > lower) & (values < upper))

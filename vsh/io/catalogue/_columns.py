@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from astropy import units as u
 
+from vsh.field import PLAUSIBLE_RANGES
 from vsh.io import tables
 from vsh.io.catalogue import _names
 from vsh.io.catalogue._names import NAMED, ColumnRequest, Columns, find_correlation_columns, split_name_and_unit
@@ -272,9 +273,16 @@ class RowSelection:
         self._roles = {role: column for role, column in (roles or {}).items() if role in absent}
         self._where.check((*source.names, *self._roles), source.label)
         self.names = tuple(dict.fromkeys(self._roles.get(name, name) for name in self._where.names))
+        self._magnitude = (roles or {}).get("magnitude")
 
     def select_rows(self, block: Mapping[str, Any], first_row: int) -> tuple[dict[str, Any], Any, list[str]]:
         """The selected rows of a block, their numbers, and a note that counts the others."""
+        if self._magnitude in self.names:  # 999 marks one that is missing, as it does in a field
+            values, mask = block[self._magnitude]
+            if values.dtype.kind in "fiu":
+                low, high = PLAUSIBLE_RANGES["magnitude"]
+                is_known = (values > low) & (values < high)
+                block = {**block, self._magnitude: (values, ~is_known if mask is None else ~is_known | mask)}
         condition_columns = {name: block[self._roles.get(name, name)] for name in self._where.names}
         selection, missing = self._where.select_rows(condition_columns or block)
         counts = {FALSE: int((~selection & ~missing).sum()), MISSING: int(missing.sum())}

@@ -120,6 +120,15 @@ def test_every_format(ending, tmp_path):
     assert count_unselected(field.notes) == N - expected.sum()
 
 
+def test_magnitude_that_marks_a_missing_one_is_above_no_edge():
+    made = TABLE.copy()
+    made["g"][:7] = 999.0
+    selected = read_field(made, {"magnitude": "g"}, where="g > 15")
+    assert len(selected) == N - 7
+    assert "7 of the others with a value missing" in " ".join(map(str, selected.notes))
+    assert len(read_field(made, {"magnitude": None}, where="g > 15")) == N  # another column may have 999 of anything
+
+
 def test_rest_is_counted():
     field = read_field(TABLE, where="0.5 < z < 2")
     note = next(note for note in field.notes if isinstance(note, UnselectedRows))
