@@ -239,6 +239,13 @@ def _sum_by_bin(field, edges, modes, calibration, flow, sum_normals):
     return sums
 
 
+def _explain_equal_edges(edges):
+    """Why inner edges are not apart, and what helps."""
+    if edges[-1] - edges[0] < 1e-9 * abs(edges[0]):
+        return "all sources have one redshift"
+    return "a few sources, or one redshift, weigh more than a bin: take fewer, or give their edges"
+
+
 @arguments.accepts(field=arguments.a(Field, Parts), n_bins=arguments.whole)
 def equal_information_edges(field: Field | Parts, n_bins: int) -> FloatArray:
     """Edges of redshift bins that hold the same weight of motions, (n_bins + 1,)."""
@@ -256,9 +263,7 @@ def equal_information_edges(field: Field | Parts, n_bins: int) -> FloatArray:
     )
     edges = np.r_[min(lowest), inner_edges, np.nextafter(max(highest), np.inf)]
     if not (np.diff(edges) > 0).all():
-        raise DegeneracyError(
-            f"{n_bins} bins cannot hold equal information: a few sources weigh more than a bin; take fewer n_bins"
-        )
+        raise DegeneracyError(f"{n_bins} bins cannot hold equal information: {_explain_equal_edges(edges)}")
     return edges
 
 

@@ -90,6 +90,8 @@ def find_factor_to(name: str, unit: Any, target: Any, from_user: bool) -> float:
     try:
         factor = float(astropy_unit.to(target))
     except (u.UnitConversionError, ValueError, TypeError, AttributeError):
+        if astropy_unit.is_equivalent(u.Unit(target) ** 2):
+            raise TableError(f"column {name!r} is in {printable(unit)!r}, a variance: give its root") from None
         raise TableError(
             f"column {name!r} is in {printable(unit)!r}, which cannot be turned into {target}: if the table is wrong, "
             f"{_ask_unit(name, target)}"

@@ -1,6 +1,7 @@
 """From a table to a Field: columns, units, masks, and counts of what was refused; and all else a fit may be given."""
 
 import re
+import shlex
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -353,6 +354,8 @@ class _FieldMaker:
                     raw_columns[role] = np.ma.filled(np.ma.asarray(columns[role], float), np.nan)
                 if degrees is None and self.factors.get(role, 1.0) not in (1.0, MODULUS):
                     columns[role] = columns[role] * self.factors[role]
+                if role == "pmra_pmdec_corr":
+                    _check_most_correlations(name, columns[role])
         if self.factors.get("distance") == MODULUS:
             notes += convert_moduli_to_distances(columns)
         if self.scalar_name is not None and not (finite := np.isfinite(columns["pmra"])).all():
@@ -380,6 +383,16 @@ class _FieldMaker:
             if has_code(warning, DOUBT, NO_REDSHIFTS, UNUSED_CORRELATIONS):
                 warn(warning, VshWarning, stacklevel=3)
         return field.add_note(*doubts) if doubts else field
+
+
+def _check_most_correlations(name, values):
+    """Raise FieldError where most correlations of a column are none."""
+    with np.errstate(invalid="ignore"):
+        n_beyond = int(np.ma.filled(np.abs(values) > 1, False).sum())
+    if 2 * n_beyond > len(values):
+        option = shlex.quote(f"{name}=percent")
+        text = f"{n_beyond} of {len(values)} correlations in column {name!r} are beyond ±1: are they in per cent?"
+        raise FieldError(f"{text} Say so, units={{{name!r}: 'percent'}} (--units {option})")
 
 
 def _check_any_error_positive(name, errors):
@@ -459,9 +472,10 @@ def _read_flag_numbers(name, values, mask, role):
 
 
 def _describe_unread_redshifts(column_of, source):
-    """A note on columns whose name holds "redshift" and that are not read, where a table has no other redshift."""
+    """A note on columns of redshifts or distances that are not read: of redshifts where a table has no other."""
     if "redshift" in column_of:
-        return []
+        is_unread = "distance" not in column_of and "distance" in source.names
+        return ["column distance is not used: --columns distance=distance,distance_error=NAME takes it"] * is_unread
     candidates = [name for name in source.names if "redshift" in name.lower() and not _ERROR_NAME.search(name)]
     if not candidates:
         return []

@@ -43,7 +43,7 @@ def test_skycoord_with_one_error_for_all():
 
 
 def test_coordinates_that_are_no_catalogue():
-    with pytest.raises(TableError, match="fk5 are not supported"):
+    with pytest.raises(TableError, match="fk5 are not known"):
         read_field(FIELD.to_skycoord().fk5, sigma=1)
     with pytest.raises(TableError, match="one position"):
         read_field(SkyCoord(1 * u.deg, 2 * u.deg), sigma=1)

@@ -165,3 +165,30 @@ def test_what_is_assumed_of_motions_stands_in_the_first_lines():
     assert "taken in mas / yr" in dict(fit.recommended(read_field(made)).answer.lines)["units"]
     mixed = read_field(made, units=dict(zip(NAMES[2:], ("mas/yr", "uas/yr") * 2)))
     assert "in different units: is that so?" in dict(fit.fit_field(mixed, 1).answer.lines)["units"]
+
+
+def test_numbers_of_another_kind_are_named():
+    """Correlations in per cent lost 97 % of the rows to --on-bad drop, and variances were asked for as errors."""
+    made = Table(PLAIN)
+    made["pmra_pmdec_corr"] = np.linspace(-60.0, 60.0, N)
+    with pytest.raises(
+        FieldError, match=r"beyond ±1: are they in per cent\? Say so, units=\{'pmra_pmdec_corr': 'percent'\}"
+    ):
+        read_field(made)
+    assert read_field(made, units={"pmra_pmdec_corr": "percent"}).rho[0] == pytest.approx(-0.6)
+    made["pmra_pmdec_corr"] = np.linspace(-0.6, 1.2, N)  # a few are errors of rows
+    with pytest.raises(FieldError, match="rows cannot be used"):
+        read_field(made)
+    made = Table(PLAIN)
+    made["pmra_error"].unit = "mas2/yr2"
+    with pytest.raises(TableError, match="column 'pmra_error' is in 'mas2 / yr2', a variance: give its root"):
+        read_field(made)
+
+
+def test_distances_beside_redshifts_are_said_to_be_unread():
+    made = Table(PLAIN | {"redshift": np.full(N, 0.01), "distance": np.full(N, 40.0), "e": np.full(N, 4.0)})
+    made["distance"].unit = made["e"].unit = "Mpc"
+    assert any("column distance is not used: --columns distance=" in str(note) for note in read_field(made).notes)
+    read = read_field(made, {"distance": "distance", "distance_error": "e"})
+    assert not any("is not used" in str(note) for note in read.notes)
+    assert read.distance[0] == 40.0
