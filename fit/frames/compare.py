@@ -338,10 +338,8 @@ class FrameComparison(FrameResult, AboutSolution):
         rotation = "R1, R2, R3 are the components of the rotation with the opposite sign"
         remarks = [f"{rotation}, because they rotate the axes and not the sources."]
         if self.alone is not None:
-            texts = ", ".join(
-                f"{name} {format_with_error(v, s, '+')}" for name, (v, s) in self.parameters_alone.items()
-            )
-            remarks.append(f"These alone, all others held at zero (errors scaled in classes): {texts} {solution.unit}")
+            text = ", ".join(f"{name} {format_with_error(v, s, '+')}" for name, (v, s) in self.parameters_alone.items())
+            remarks.append(f"These alone, all others held at zero (errors scaled in classes): {text} {solution.unit}")
         if self.names and not long:
             nearest = zip(self.names[:_FEW_LISTED], self.distances, strict=False)
             outliers = ", ".join(f"{one_line_text(name)} ({x:.1f} standard errors)" for name, x in nearest)

@@ -145,9 +145,7 @@ def waves(*frequencies: float, span: tuple[float, float] = DR4_SPAN) -> Function
     numbers = [arguments.positive("frequency", frequency) for frequency in frequencies]
     if len({f"{number:g}" for number in numbers}) < len(numbers):
         raise ParameterError(f"a frequency is given twice, to the six digits that observations separate: {numbers}")
-    return Functions(
-        tuple((family, frequency) for frequency in numbers for family in ("cos", "sin")), (span[0], span[1])
-    )
+    return Functions(tuple((kind, frequency) for frequency in numbers for kind in ("cos", "sin")), (span[0], span[1]))
 
 
 #: So much of a coefficient's own direction must be seen for it to be printed as determined.

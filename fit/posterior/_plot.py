@@ -43,12 +43,10 @@ def plot_corner(
     if invalid_names:
         raise ParameterError(f"no quantity is called {', '.join(invalid_names)}; there are {', '.join(samples)}")
     if names is None:
-        varying = [
-            name for name in quantities if not name.startswith(("omega_", "speed")) and np.ptp(samples[name]) > 0
-        ]
+        varied = [name for name in quantities if not name.startswith(("omega_", "speed")) and np.ptp(samples[name]) > 0]
         quantities = [
-            name for name in varying if np.std(samples[name]) < _NARROWED_SHARE * _find_prior_sigma(posterior, name)
-        ] or varying
+            name for name in varied if np.std(samples[name]) < _NARROWED_SHARE * _find_prior_sigma(posterior, name)
+        ] or varied
     if not quantities:
         raise ParameterError("no quantity was free: there is nothing to draw")
     columns = np.stack([samples[name] for name in quantities], axis=1)

@@ -202,9 +202,7 @@ def _compute_weighted_normals(field, modes, edges, counts, method, value, rng):
     if any(fit.weights is None for fit in fits):
         if method == "recommended":
             raise DegeneracyError("a robust fit does not settle: take fewer bins, or the method excess-noise")
-        raise ParameterError(
-            f"bins are fitted by least-squares, clip, recommended, student or excess-noise, not {method}"
-        )
+        raise ParameterError(f"bins take least-squares, clip, recommended, student or excess-noise, not {method}")
     normals = [fits[i if has_own else 0].equations(sources, modes) for i, sources in enumerate(bin_fields)]
     remark = "each bin has the weights of its own fit" if has_own else "bins have the weights of the fit of all sources"
     return normals, all(fit.is_scaled for fit in fits), (f"{remark} ({method})",)

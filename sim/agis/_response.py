@@ -133,9 +133,7 @@ class Response(InNotebook):
     def notes(self) -> tuple[str, ...]:
         """Notes on the basic angle for the results that this response enters."""
         if self.calibration is not None:
-            return (
-                f"what a basic angle absorbs that was calibrated from the same sky is allowed for: {self.calibration}",
-            )
+            return (f"what a basic angle calibrated from the same sky absorbs is allowed for: {self.calibration}",)
         return ("warning: no basic angle is calibrated; where one was, it absorbs more, and limits are too low",)
 
     def save(self, path: PathName, overwrite: bool = False) -> None:

@@ -195,9 +195,7 @@ def _read_scanning_law(path):
     time_column = next((name for name in ("jd_time", "time") if name in table.names), None)
     missing = [name for name in names if name not in table.names] + ([] if time_column else ["jd_time"])
     if missing:
-        raise TableError(
-            f"{table.label}: a scanning law has jd_time, {', '.join(names)}; missing: {', '.join(missing)}"
-        )
+        raise TableError(f"{table.label}: a scanning law has jd_time, {', '.join(names)}; missing {', '.join(missing)}")
     columns = {name: np.asarray(table.columns((name,))[name][0], float) for name in (*names, str(time_column))}
     times = columns[str(time_column)]
     # Days since J2010.0 in Gaia's table, whole Julian dates elsewhere, years where the column says so.

@@ -438,9 +438,7 @@ def _place_quasars(sky, rng):
 
 def _forecast_quasar_errors(field, survey, systematic_power):
     prediction = predict_covariance(field, 2)
-    spin, acceleration = (
-        float(np.sqrt(np.mean(vector.sigma**2))) for vector in (prediction.spin, prediction.acceleration)
-    )
+    spin, acceleration = (float(np.sqrt(np.mean(part.sigma**2))) for part in (prediction.spin, prediction.acceleration))
     model_acceleration = expected_acceleration(R0[0])
     # Noise in degree 2, both kinds: on an even sky 4π/(n w) a coefficient, T and S alike.
     noise = (prediction.noise_power("T", 2) + prediction.noise_power("S", 2)) / 10

@@ -183,9 +183,7 @@ class Referee(InNotebook):
 
     def results(self) -> dict[str, Any]:
         """Results behind the numbers, by the name of its file."""
-        results = {
-            f"{entry.paper.key}_{name}": result for entry in self.sections for name, result in entry.results.items()
-        }
+        results = {f"{part.paper.key}_{name}": value for part in self.sections for name, value in part.results.items()}
         for entry in self.checks:
             results |= {f"check_{entry.key.replace(' ', '_')}_{name}": result for name, result in entry.results.items()}
         return results

@@ -461,9 +461,7 @@ class Covariance(Frozen):
     def __post_init__(self) -> None:
         shape = np.shape(self.matrix)
         if len(shape) != 2 or shape[0] != shape[1] or shape[0] % 2 or not shape[0]:
-            raise ParameterError(
-                f"a covariance of n sources has shape (2n, 2n), all east components first, not {shape}"
-            )
+            raise ParameterError(f"a covariance of n sources has shape (2n, 2n), east components first, not {shape}")
         check_covariance_size(shape[0] // 2)
         matrix = float_array("the covariance", self.matrix)
         for rows in np.array_split(np.arange(shape[0]), max(1, matrix.size // 2**24)):  # no second matrix of its size

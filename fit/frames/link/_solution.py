@@ -324,16 +324,16 @@ class FrameTie(FrameResult, NamedSolution):
             lines.append((f"parallaxes, {catalogue}" if several else "parallaxes", parallax_words))
         for step in steps:
             p_value, *p_values = self.jump_p_values(step)
-            phrases = [
+            texts = [
                 f"{vector} {self._format_jump(step, vector) if p < SEEN else 'not detected'} (p = {format_p_value(p)})"
                 for vector, p in zip(self._jumping_vectors, p_values, strict=True)
             ]
             # One of two vectors can be detected where both together are not: a hint would contradict it.
             hint = "" if min(p_values) < SEEN else hint_of(p_value)
             if len(p_values) > 1:
-                phrases.append(f"both together p = {format_p_value(p_value)}{hint and f' ({hint})'}")
+                texts.append(f"both together p = {format_p_value(p_value)}{hint and f' ({hint})'}")
             remark = "; p-values allow for all places" if self.searched else ""
-            lines.append((f"jump at {step:.4g}", ", ".join(phrases) + remark))
+            lines.append((f"jump at {step:.4g}", ", ".join(texts) + remark))
         errors = f"{self._format_tails()}, times {self.scale:.3g}: from the residuals of {len(self.sources)} sources"
         return Answer((*lines, ("errors", errors)))
 

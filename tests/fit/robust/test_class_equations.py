@@ -55,7 +55,7 @@ def test_bins_of_redshift_by_each_estimator():
     clipped = binned(field, 1, 3, method="clip", value=3)
     assert clipped.counts.sum() < 1500
     for method in ("bootstrap", "jackknife"):
-        with pytest.raises(ParameterError, match="bins are fitted by"):
+        with pytest.raises(ParameterError, match="bins take least-squares"):
             binned(field, 1, 3, method=method)
     galaxies = sim.observe(sim.galaxies(600, 1), sim.secular_parallax((300, 0, 0)), rng=1, sigma=5.0)
     with pytest.raises(ParameterError, match="share flows: their bins are fitted by least-squares, not student"):

@@ -61,7 +61,7 @@ def test_large_file_is_refused_before_it_is_read(tmp_path):
 
 
 @pytest.mark.parametrize(("make", "words"), [
-    (lambda: Covariance(np.eye(3)), r"has shape \(2n, 2n\), all east components first, not \(3, 3\)"),
+    (lambda: Covariance(np.eye(3)), r"has shape \(2n, 2n\), east components first, not \(3, 3\)"),
     (lambda: Covariance([[1.0, 0.5], [0.0, 1.0]]), "not symmetric"),
     (lambda: Covariance(np.diag([1.0, -1.0])), "negative variance: of component 1"),
     (lambda: Covariance([[1.0, 0.0], [0.0, np.nan]]), "1 of 4 values of the covariance are not finite"),

@@ -186,9 +186,7 @@ def of_table(
         raise ArchiveError(f"columns that gaia_source gives already, or that are named twice: {', '.join(repeated)}")
     for name in (table, *columns):
         if not isinstance(name, str) or not _ADQL_NAME.fullmatch(name):
-            raise ArchiveError(
-                f"{name!r} is no name of a table or column: letters, digits and _, tables with their schema"
-            )
+            raise ArchiveError(f"{name!r} is no name of a table or column: letters, digits and _, with the schema")
     table_columns = [f"t.{name}" for name in columns]
     adql = _make_astrometry_query(release, astrometry, table_columns, f"FROM {table} AS t", "g.source_id = t.source_id")
     return adql if where is None else f"{adql}\nWHERE {where.strip()}"

@@ -94,9 +94,7 @@ def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", ra
     """Match the sources of two catalogues one to one, in the order of the first."""
     types = {type(catalogue) for catalogue in (a, b)}
     if types not in ({Positions}, {Field}):
-        raise FieldError(
-            "match two Positions or two Fields: " + " and ".join(type(x).__name__ for x in (a, b)) + " differ"
-        )
+        raise FieldError("match Positions or Fields: " + " and ".join(type(x).__name__ for x in (a, b)) + " differ")
     if a.frame != b.frame:
         raise FrameError(f"the catalogues are in {a.frame} and {b.frame}: take both to one frame")
     if not isinstance(by, str) or by not in ("name", "position"):

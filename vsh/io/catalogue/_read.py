@@ -669,9 +669,7 @@ def read_scalars(
     roles = {role: names["error" if role in _ERRORS else "value"] for role in (*_MOTIONS, *_ERRORS)}
     choice = replace(as_columns(columns).choose_names(table.names)[0], **roles, pmra_pmdec_corr=None)
     if frame is None:  # a field that was written has the names of its own axes
-        frame = next(
-            (key for key, names in AXES.items() if (choice.ra, choice.dec) == names[:2] != ("ra", "dec")), None
-        )
+        frame = next((key for key, axis in AXES.items() if (choice.ra, choice.dec) == axis[:2] != ("ra", "dec")), None)
     field = read_field(
         derive_columns(table, recipes), choice, units, on_bad=on_bad, frame=frame, where=where, roles=("name",)
     )

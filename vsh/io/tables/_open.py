@@ -436,9 +436,7 @@ def _find_format_and_files(path, label, format=None):
     if not groups:
         raise TableError(f"{label} is a folder without tables: known endings are {', '.join(READ)}")
     if len(groups) > 1:
-        counts = ", ".join(
-            f"{len(files)} of {file_format.removeprefix('ascii.')}" for file_format, files in groups.items()
-        )
+        counts = ", ".join(f"{len(files)} of {kind.removeprefix('ascii.')}" for kind, files in groups.items())
         raise TableError(f"{label} holds tables of several formats ({counts}): name a folder with those of one")
     return next(iter(groups.items()))
 
