@@ -279,10 +279,8 @@ class ClassComparison(Result):
             text = f"{format_with_error(value, error, '+')} {self.unit}, {value / error:+.1f} errors"
             facts.append((f"template {name}", text))
         if long:
-            spectra = ", ".join(
-                f"{name} {100 * p:.0f} %" for name, p in zip(self.shapes, self.probability, strict=True)
-            )
-            facts.append(("spectra", f"{spectra}; effective draws: {', '.join(f'{x:.0f}' for x in self.effective)}"))
+            odds = ", ".join(f"{name} {100 * p:.0f} %" for name, p in zip(self.shapes, self.probability, strict=True))
+            facts.append(("spectra", f"{odds}; effective draws: {', '.join(f'{x:.0f}' for x in self.effective)}"))
         remarks = [self.verdict_words()] if len(self) > 1 else []
         if len(self) > 1:
             change = self.difference(0, len(self) - 1)
@@ -340,11 +338,12 @@ class ClassComparison(Result):
                 columns[f"{name}_{axis}_error"] = [vector.sigma[k] for vector in vectors]
         units = {name: self.unit for name in columns if name not in ("class", "n_sources")}
         meta: dict[str, Any] = {f"probability {name}": p for name, p in zip(self.shapes, self.probability, strict=True)}
+        meta["frame"] = self.frame
         if len(self) > 1:
             verdict, p_values = self._verdict_and_p_values
             meta |= {f"p_value_{name}": p for name, p in p_values.items()} | {"p_value_largest": verdict.p_value}
             meta["summary"] = self.verdict_words().rstrip(".")
-        return tables.table_of(columns, meta, units)
+        return tables.table_of(columns, meta | {"frame": self.frame}, units)
 
     def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """Spin and acceleration of the classes with their errors on matplotlib axes."""

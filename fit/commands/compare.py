@@ -1,6 +1,7 @@
 """`vsh-compare`: two catalogues of one sky, on the command line."""
 
 import argparse
+import re
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -258,8 +259,10 @@ def _format_latex_tables(comparison):
     """Format tables for a paper: parameters under their names with the errors of the verdict, then vectors and
     powers."""
     table = comparison.parameters_table()["ICRF3", "value", "sigma"]
-    parameters = latex_table(table, " − ".join(comparison.labels))
-    return f"{parameters}\n\n{fit.output.latex_of(comparison.best, answer=comparison.answer)}"
+    title = " − ".join(comparison.labels)
+    vectors = fit.output.latex_of(comparison.best, answer=comparison.answer)
+    label = re.sub("[^a-z0-9]+", "-", title.lower())  # one for each pair
+    return f"{latex_table(table, title)}\n\n{vectors.replace('tab:vsh}', f'tab:vsh-{label}}}')}"
 
 
 def _draw_comparison_figures(comparison, differences):

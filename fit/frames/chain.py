@@ -231,7 +231,7 @@ class FrameNetwork(FrameResult):
             remarks.append(f"{len(self.names)} sources excluded; largest deviations (in standard errors): {outliers}")
         notes = merge_notes(self.notes, () if self.shared is None else self.shared.notes)
         quantity = "position" if self.unit == "µas" else "motion"
-        title = f"Differences of {quantity} of {len(self.labels)} catalogues in one solution"
+        title = f"Differences of {quantity} of {len(self.labels)} catalogues in one solution, {self.frame} axes"
         remarks.append(f"Errors are from {self.errors_in_words}. Quote these: two catalogues alone know less.")
         return (Section(title, facts, table, remarks=remarks, notes=notes),)
 

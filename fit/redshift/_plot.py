@@ -16,12 +16,12 @@ from vsh.vector import Vector
 @apply_style
 def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: OnAxes | None = None) -> AxesArray:
     """Spin and acceleration, components and amplitude, in each bin."""
-    axes_array = panels(ax, 4, 1, size=(WIDTH, 6.6), sharex=True, height_ratios=(2, 1, 2, 1))
+    subplots = panels(ax, 4, 1, size=(WIDTH, 6.6), sharex=True, height_ratios=(2, 1, 2, 1))
     # A bin measures the mean of 1/d, and that is where its marker stands.
     z, edges = np.clip(binned.effective_redshift, binned.edges[:-1], binned.edges[1:]), binned.edges
     is_logarithmic = edges[0] > 0 and edges[-1] > 5 * edges[0]
     for (component_axes, size_axes), name, symbol in zip(
-        axes_array.reshape(2, 2), ("acceleration", "spin"), ("ã", "ω"), strict=True
+        subplots.reshape(2, 2), ("acceleration", "spin"), ("ã", "ω"), strict=True
     ):
         vectors = binned.vectors(name)
         for i, (values, errors) in enumerate(np.transpose([(v.value, v.sigma) for v in vectors], (2, 1, 0))):
@@ -40,20 +40,18 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: OnAx
         )
         size_axes.set(ylabel=f"|{symbol}|  [µas/yr]", ylim=(0, None))
     if velocity is not None:
-        _draw_secular_parallax(binned, velocity, axes_array[:2])
-    for axes in axes_array:
+        _draw_secular_parallax(binned, velocity, subplots[:2])
+    for axes in subplots:
         legend_above(axes, 3)
-    axes_array[-1].set_xlabel("redshift (markers: where the mean of 1/distance is)")
-    for axes in axes_array:
+    subplots[-1].set_xlabel("redshift (markers: where the mean of 1/distance is)")
+    for axes in subplots:
         axes.set_xscale("log" if is_logarithmic else "linear")
         if is_logarithmic:
             lower = max(edges[0], z.min() / 20)  # a first bin from next to nothing would take half the axis
             axes.set_xlim(lower / 1.2, edges[-1] * 1.2)
             set_log_ticks(axes.xaxis, lower, edges[-1])
-    figure_of(axes_array).suptitle(
-        f"{binned.counts.sum()} sources in {len(binned)} bins; {title_of(binned.frame)} axes"
-    )
-    return axes_array
+    figure_of(subplots).suptitle(f"{binned.counts.sum()} sources in {len(binned)} bins; {title_of(binned.frame)} axes")
+    return subplots
 
 
 def _draw_component(axes, i, positions, values, errors, symbol):

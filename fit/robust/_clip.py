@@ -149,10 +149,8 @@ def clip(
         if sky.in_memory is not None:  # once a round, for the median and the choice alike
             measure = partial(_return_known_distances, distances=measure(sky.in_memory))
         limit = threshold or limit_in_medians * float(median(sky, measure, f"clip, round {rounds}"))
-        summary = sky.sum(
-            partial(_summarise_kept, measure=measure, limit=limit), roles=(), words=f"clip, round {rounds}"
-        )
-        if summary["mark"] == selection_hash or (selection_hash is None and summary["sources"] == n_sources):
+        tally = sky.sum(partial(_summarise_kept, measure=measure, limit=limit), roles=(), words=f"clip, round {rounds}")
+        if tally["mark"] == selection_hash or (selection_hash is None and tally["sources"] == n_sources):
             rule_text = (
                 f"κ = {kappa:g}{'' if components == 2 else f', {limit_in_medians:.3g}'} times the median"
                 if threshold is None
@@ -162,12 +160,12 @@ def clip(
             note = CodedNote(f"clipped {n_sources - n_kept} of {n_sources} sources with {bound_text}", CLIPPED)
             is_kept = measure(sky.in_memory) <= limit if sky.in_memory is not None else None
             return _correct_clipping_bias(solution, is_kept, rounds, limit, q, note, n_sources - n_kept)
-        if components * summary["sources"] < len(modes):
+        if components * tally["sources"] < len(modes):
             raise ConvergenceError(
-                f"clipping leaves {summary['sources']} of {n_sources} sources, too few for {len(modes)} "
+                f"clipping leaves {tally['sources']} of {n_sources} sources, too few for {len(modes)} "
                 f"coefficients: take a larger {'kappa' if threshold is None else 'threshold'} than {cutoff:g}"
             )
-        selection_hash, n_kept = summary["mark"], summary["sources"]
+        selection_hash, n_kept = tally["mark"], tally["sources"]
         if selection_hash in earlier_hashes or rounds == max_rounds:
             n_swinging = sky.sum(
                 partial(_count_differing, criterion=(measure, limit), previous=before), roles=(), words="clip"

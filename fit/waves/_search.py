@@ -431,9 +431,7 @@ class WaveSpectrum(Result):
         """Return an astropy Table with one row for each frequency."""
         columns = {"frequency": self.frequencies, "statistic": self.statistic, "p_value": self.p_values}
         columns |= {"lon": np.degrees(self.lon) % 360, "lat": np.degrees(self.lat), "amplitude": self.amplitudes}
-        columns |= {
-            f"limit_{name}": limit for name, limit in zip(("low", "median", "high"), self.limits.T, strict=True)
-        }
+        columns |= {f"limit_{name}": row for name, row in zip(("low", "median", "high"), self.limits.T, strict=True)}
         columns["lost"] = self.lost
         return tables.table_of(columns, self._plain_facts(), {"lon": "deg", "lat": "deg", "frequency": "1 / yr"})
 

@@ -3,6 +3,7 @@
 import re
 
 from vsh.io.sections import format_table
+from vsh.sky.frames import title_of
 from vsh.tools.printing import latex_text
 from vsh.tools.types import Table
 
@@ -87,6 +88,8 @@ def latex_table(table: Table, caption: str = "") -> str:
     if len(heads) <= _PAGE_ROWS and len(_group_columns_by_page(*transposed)) < len(_group_columns_by_page(heads, rows)):
         heads, rows = transposed
     title = ": ".join(title_part for title_part in (caption, str(table.meta.get("summary", ""))) if title_part)
+    if (frame := str(table.meta.get("frame", ""))) and f"{frame} axes" not in title:
+        title += f" ({title_of(frame)} axes)"
     groups = _group_columns_by_page(heads, rows)
     label_stem = re.sub(r"[^a-z0-9]+", "-", (caption or "table").lower()).strip("-")[:40].strip("-")
     tables = []

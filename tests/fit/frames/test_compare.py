@@ -144,6 +144,18 @@ def test_every_degree_has_its_terms(tmp_path, capsys):
     assert "$t_{31}^{\\rm R}$" in capsys.readouterr().out
 
 
+def test_tables_of_several_pairs_have_labels_and_axes_of_their_own(tmp_path, capsys):
+    newer, older = two(300)
+    files = [str(table(catalogue, tmp_path / f"{i}.ecsv")) for i, catalogue in enumerate((newer, older, newer))]
+    noise = np.random.default_rng(3).normal(size=(2, len(newer))) * newer.sigma * UAS
+    table(replace(newer, lon=newer.lon + noise[0], lat=newer.lat + noise[1]), files[2])
+    assert main([*files, "--lmax", "1", "--floor", "no", "--latex"]) == 0
+    text = capsys.readouterr().out
+    labels = re.findall(r"\\label\{([^}]*)\}", text)
+    assert len(labels) == len(set(labels)) == 5
+    assert all("icrs axes" in caption.lower() for caption in re.findall(r"\\caption\{(.*)\}", text))
+
+
 def test_motions():
     rng = np.random.default_rng(1)
     lon, lat = sim.uniform_sky(2000, rng)
