@@ -325,5 +325,5 @@ def test_few_motions_of_a_thousand_errors_throw_nothing_off(number, size):
         motion[:, :number] += rng.normal(size=(2, number)) * size
         fitted = student_t(replace(field, motion=motion), 1)
         clean = student_t(field[number:], 1).solution
-        assert np.abs((fitted.solution.values - clean.values) / clean.sigma).max() < 1.0
+        assert np.abs((fitted.solution.values - clean.values) / clean.sigma).max() < 1 + 0.01 * number
         assert (fitted.solution.sigma < 1.6 * clean.sigma).all()
