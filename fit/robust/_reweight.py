@@ -328,7 +328,8 @@ def student_t(
     where errors say nothing of the scatter: with the same scatter for all, pulls are 1.08 for errors from 0.2 to 1 of
     it (ν = 1.7), 1.5 from 0.05 (ν = 1.05), 6 from 0 (ν = .8). Where ν is below 1.3 a note says so; `fit.recommended`
     then adds an excess noise. Of few sources the covariance has few degrees of freedom (`covariance_dof`), which
-    standard errors, p-values and limits use.
+    standard errors, p-values and limits use. They are those of the whole covariance: where sources crowd in a part of
+    the sky a vector at degree 3 or more has fewer, and p < 0.0027 came on 2.3 % of such skies without a signal.
     """
     modes, sky = modes_for(field, modes), _add_noise_to_errors(field, noise)
     t_weights = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
