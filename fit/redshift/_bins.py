@@ -238,7 +238,7 @@ def _sum_by_bin(field, edges, modes, calibration, flow, sum_normals):
 
 
 def _explain_equal_edges(edges):
-    """Why inner edges are not apart, and what helps."""
+    """Explain why inner edges are not apart, and what helps."""
     if edges[-1] - edges[0] < 1e-9 * abs(edges[0]):
         return "all sources have one redshift"
     return "a few sources, or one redshift, weigh more than a bin: take fewer, or give their edges"

@@ -236,7 +236,7 @@ def test_velocity_and_the_hubble_constant(galaxies):
 def test_no_part_with_sources():
     with pytest.raises(EmptyFieldError, match="no part holds a source"):
         fit.normal_equations(PARTS.map(lambda field: field[field.lat > 4]), 1)
-    with pytest.raises(FieldError, match="parts of a catalogue, are expected, not str"):
+    with pytest.raises(FieldError, match="parts of a catalogue are expected, not str"):
         as_parts("sky.fits")
     with pytest.raises(ParameterError, match="must be Field or ScalarField or Parts"):
         clip("sky.fits", Modes(1))

@@ -169,7 +169,7 @@ def _sum_link_priors(priors, unknowns):
                 f"a prior of the {prior.vector} has no magnitude, and the frame that is sought changes with it: say "
                 "that of its sources (magnitude=, a column magnitude of --priors)"
             )
-        combination = unknowns.vector_rows(prior.vector, catalogue, prior.magnitude)
+        combination = unknowns.combination(prior.vector, catalogue, prior.magnitude)
         product = np.linalg.solve(prior.covariance, combination)
         matrix += combination.T @ product
         rhs += product.T @ prior.value

@@ -247,10 +247,10 @@ class Unknowns(InNotebook):
 
     def jump(self, vector: str, catalogue: str, step: float) -> FloatArray:
         """Linear combination of the parameters for the jump of a `vector` of one `catalogue` at a `step`, (3, p)."""
-        at_step = self.vector_rows(vector, catalogue, step)
-        return at_step - self.vector_rows(vector, catalogue, np.nextafter(step, -np.inf))
+        at_step = self.combination(vector, catalogue, step)
+        return at_step - self.combination(vector, catalogue, np.nextafter(step, -np.inf))
 
-    def vector_rows(self, vector: str, catalogue: str, magnitude: float | None = None) -> FloatArray:
+    def combination(self, vector: str, catalogue: str, magnitude: float | None = None) -> FloatArray:
         """Linear combination of the parameters for a vector of one catalogue at a magnitude, (3, p).
 
         Without a magnitude it is that of the brightest sources, before all steps and without powers.

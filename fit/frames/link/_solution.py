@@ -113,7 +113,7 @@ class FrameTie(FrameResult, NamedSolution):
         catalogue_name = catalogue or (self.unknowns.turned[0] if self.unknowns.turned else "")
         if name not in self.unknowns.vectors or (name != "acceleration" and catalogue_name not in self.unknowns.turned):
             raise ParameterError(f"{name} of {catalogue_name} was not sought: {', '.join(self.unknowns.vectors)} were")
-        combination = self.unknowns.vector_rows(name, catalogue_name, magnitude)
+        combination = self.unknowns.combination(name, catalogue_name, magnitude)
         covariance = combination @ self.covariance @ combination.T
         covariance = (covariance + covariance.T) / 2  # of large variances that a prior cancels, rounding is left
         return Vector(combination @ self.values, covariance, self.frame, VECTORS[name][1])
@@ -210,9 +210,9 @@ class FrameTie(FrameResult, NamedSolution):
         catalogue_name = catalogue or self.unknowns.turned[0]
         if "orientation" not in self.unknowns.vectors:
             raise ParameterError("no orientation was fitted, so there is none at any epoch")
-        a = self.unknowns.vector_rows("orientation", catalogue_name, magnitude)
+        a = self.unknowns.combination("orientation", catalogue_name, magnitude)
         if "spin" in self.unknowns.vectors:
-            a = a + (epoch - self.unknowns.epoch) * self.unknowns.vector_rows("spin", catalogue_name, magnitude)
+            a = a + (epoch - self.unknowns.epoch) * self.unknowns.combination("spin", catalogue_name, magnitude)
         return Vector(a @ self.values, a @ self.covariance @ a.T, self.frame, "µas")
 
     def with_more(self, count: int) -> FloatArray:
@@ -400,7 +400,7 @@ class FrameTie(FrameResult, NamedSolution):
 
     def _format_vector(self, name, catalogue):
         vector = self.vector(name, catalogue=catalogue)
-        p_value = self._combine_and_test(self.unknowns.vector_rows(name, catalogue))[2]
+        p_value = self._combine_and_test(self.unknowns.combination(name, catalogue))[2]
         if p_value < SEEN:
             amplitude = format_with_error(vector.amplitude, vector.amplitude_error)
             return f"{amplitude} {vector.unit}, p = {format_p_value(p_value)}"

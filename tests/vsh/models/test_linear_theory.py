@@ -111,7 +111,7 @@ def test_far_sources_are_left_to_the_dispersion():
 
 
 def test_bad_theories_and_modes():
-    with pytest.raises(ParameterError, match="rises from above zero"):
+    with pytest.raises(ParameterError, match="rises from above 0"):
         LinearTheory([1, 2, 3], [1, 1, 1], 0.5)
     with pytest.raises(ParameterError, match="above zero at every"):
         LinearTheory(np.arange(1, 10.0), np.r_[np.ones(8), -1], 0.5)

@@ -118,7 +118,7 @@ def test_motions_are_compared_too():
 
 
 @pytest.mark.parametrize(("call", "error", "words"), [
-    (lambda a: match(a, random_field(5, 1)), FieldError, "two Positions or two Fields"),
+    (lambda a: match(a, random_field(5, 1)), FieldError, "match Positions or Fields"),
     (lambda a: match(a, a, by="nearest"), FieldError, 'by "name" or "position"'),
     (lambda a: match(a, positions(names=False)), FieldError, "column of names"),
     (lambda a: match(a, a, by="position", radius=0), FieldError, "above zero"),
