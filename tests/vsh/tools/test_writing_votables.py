@@ -38,6 +38,9 @@ def test_catalogue_states_its_frame(tmp_path, frame, system, ucd):
     lon = fields[AXES[frame][0]]
     assert (lon.ucd, lon.ref, str(lon.unit)) == (ucd, "vsh_frame", "deg")
     assert fields["redshift"].ref is None
+    motions = [name for name in fields if name.startswith("pm") and "corr" not in name]
+    assert len(motions) == 4  # with their errors
+    assert all(fields[name].ref == "vsh_frame" for name in motions)
     np.testing.assert_allclose(read_field(tmp_path / "field.vot").motion, field.motion, rtol=1e-12)
 
 
