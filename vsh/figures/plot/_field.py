@@ -8,6 +8,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from vsh.basis import harmonics, scalar_harmonics
 from vsh.coefficients import Coefficients
@@ -303,19 +304,13 @@ def plot_field(
         label = f"not detected, p = {chance:.2g}"
         handles.append(Patch(facecolor=_NOISE_COLOUR, linewidth=0.0, label=label))
     if handles:
-        placement: Any = {
-            "loc": "upper center",
-            "bbox_to_anchor": (0.5, -0.02),
-            "borderaxespad": 0,
-            "ncols": 2,
-            "columnspacing": 1.0,
-            "handlelength": 1.4,
-        }
-        axes.legend(handles=handles, title=legend_title, fontsize=6.5, title_fontsize=6.5, **placement)
+        placement: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.02), "borderaxespad": 0, "ncols": 2}
+        sizes: Any = {"fontsize": 6.5, "title_fontsize": 6.5, "columnspacing": 1.0, "handlelength": 1.4}
+        axes.legend(handles=handles, title=legend_title, **placement, **sizes)
     if is_covariance_known and not is_noise:
         scale = ScalarMappable(Normalize(0, top), _make_significance_colormap(top))
         bar = colour_bar(axes, scale, r"$\sqrt{v^T C^{-1} v}$ of an arrow (grey: $p > 0.05$)", extend="max", shrink=0.6)
-        bar.set_ticks(np.linspace(0, top, 6 if top in (10, 15, 50, 100) else 7))
+        bar.set_ticks(MaxNLocator(7, steps=[1, 2, 2.5, 5, 10]).tick_values(0, top))
     title_start = "T" if field is None else f"{len(field)} sources and t"
     axes.set_title(title or f"{title_start}he field fitted to degree {modes.lmax}")
     return axes
