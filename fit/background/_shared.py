@@ -338,7 +338,6 @@ class ClassComparison(Result):
                 columns[f"{name}_{axis}_error"] = [vector.sigma[k] for vector in vectors]
         units = {name: self.unit for name in columns if name not in ("class", "n_sources")}
         meta: dict[str, Any] = {f"probability {name}": p for name, p in zip(self.shapes, self.probability, strict=True)}
-        meta["frame"] = self.frame
         if len(self) > 1:
             verdict, p_values = self._verdict_and_p_values
             meta |= {f"p_value_{name}": p for name, p in p_values.items()} | {"p_value_largest": verdict.p_value}

@@ -1,7 +1,6 @@
 """`vsh-compare`: two catalogues of one sky, on the command line."""
 
 import argparse
-import re
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 import fit
 import vsh
 from vsh.commands import finishing, parsing, reading, running
-from vsh.io.quantities import latex_table
+from vsh.io.quantities import latex_table, make_label
 from vsh.io.sections import Answer, Section
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.notes import merge_notes
@@ -261,8 +260,8 @@ def _format_latex_tables(comparison):
     table = comparison.parameters_table()["ICRF3", "value", "sigma"]
     title = " − ".join(comparison.labels)
     vectors = fit.output.latex_of(comparison.best, answer=comparison.answer)
-    label = re.sub("[^a-z0-9]+", "-", title.lower())  # one for each pair
-    return f"{latex_table(table, title)}\n\n{vectors.replace('tab:vsh}', f'tab:vsh-{label}}}')}"
+    vectors = vectors.replace("tab:vsh}", f"tab:vsh-{make_label(title)}}}")  # one for each pair
+    return f"{latex_table(table, title)}\n\n{vectors}"
 
 
 def _draw_comparison_figures(comparison, differences):

@@ -64,6 +64,11 @@ _PAGE_ROWS = 45
 _NUMBER = re.compile(r"([<>] )?([+-]?[\d.]+)(?:e([+-]?\d+))?( ± [\d.]+)?")
 
 
+def make_label(words: str) -> str:
+    """Make a label of LaTeX from words: letters, digits and hyphens."""
+    return re.sub(r"[^a-z0-9]+", "-", words.lower()).strip("-")[:40].strip("-")
+
+
 def latex_table(table: Table, caption: str = "") -> str:
     """A table in LaTeX, with the rules of booktabs, which no page cuts.
 
@@ -88,10 +93,10 @@ def latex_table(table: Table, caption: str = "") -> str:
     if len(heads) <= _PAGE_ROWS and len(_group_columns_by_page(*transposed)) < len(_group_columns_by_page(heads, rows)):
         heads, rows = transposed
     title = ": ".join(title_part for title_part in (caption, str(table.meta.get("summary", ""))) if title_part)
-    if (frame := str(table.meta.get("frame", ""))) and f"{frame} axes" not in title:
+    if (frame := str(table.meta.get("frame", ""))) and f"{frame} axes" not in title.lower():
         title += f" ({title_of(frame)} axes)"
     groups = _group_columns_by_page(heads, rows)
-    label_stem = re.sub(r"[^a-z0-9]+", "-", (caption or "table").lower()).strip("-")[:40].strip("-")
+    label_stem = make_label(caption or "table")
     tables = []
     for i, column_numbers in enumerate(groups):
         part_title = f", part {i + 1} of {len(groups)}" if len(groups) > 1 else ""
