@@ -104,7 +104,7 @@ def test_law_from_a_table(epochs, tmp_path, capsys):
     short.remove_column("ra_fov2")
     short.write(tmp_path / "none.fits")
     assert main([*words, "--law", str(tmp_path / "none.fits")]) == 1
-    assert "missing: ra_fov2" in capsys.readouterr().err
+    assert "missing ra_fov2" in capsys.readouterr().err
 
 
 def test_files_that_lack_something(epochs, tmp_path, capsys):
