@@ -39,7 +39,7 @@ def main(n_skies=200):
                     p_values[name] += [solution.spin.p_value, solution.acceleration.p_value]
                 spins = [solutions[name].spin for name in ("Student's t", "least squares")]
                 ratios.append(np.mean(np.diag(spins[0].covariance) / np.diag(spins[1].covariance)))
-                dofs.append(solutions["Student's t"].covariance_dof)
+                dofs.append(solutions["Student's t"].dof_of_degree("T", 1))
             scatter = np.std(ratios) / np.mean(ratios)
             print(
                 f"{sky}, degree {lmax}: variances scatter by {scatter:.3f}, as {2 / scatter**2:.0f} degrees of freedom"

@@ -371,7 +371,9 @@ def _drop_unsure_errors(robust_fit):
     if solution.covariance_dof >= (_DOUBTFUL_DOF if ERRORS_TOO_SMALL in codes_of(solution.notes) else min_dof):
         return solution
     warning = "warning: few sources decide this fit, and it has no errors: fit.recommended adds a noise to those quoted"
-    return replace(solution, covariance_dof=0.0, notes=(*solution.notes, CodedNote(warning, ERRORS_TOO_SMALL)))
+    return replace(
+        solution, covariance_dof=0.0, block_dof=(), notes=(*solution.notes, CodedNote(warning, ERRORS_TOO_SMALL))
+    )
 
 
 def _run_excess_noise(field, lmax, value, rng):

@@ -83,7 +83,7 @@ class ResampledFit(AboutSolution):
         errors_from = f"the {self.method}, {len(self.replicates)} replicates"
         error_source = ErrorSource.JACKKNIFE if self.method == "jackknife" else ErrorSource.BOOTSTRAP
         dof = 1 / (1 / (len(self.replicates) - 1.0) + 1 / self.scatter_dof)
-        return with_errors(self.solution, self.covariance, errors_from, error_source, covariance_dof=dof)
+        return with_errors(self.solution, self.covariance, errors_from, error_source, dof)
 
     def interval(self, probability: float = 0.68) -> FloatArray:
         """Compute the lower and upper end of each coefficient's interval of `probability`, (2, p). [µas/yr]
@@ -159,7 +159,7 @@ def _bootstrap_scores(sky, solution, n_replicates, rng, progress):
     score_sums = sky.sum(work, roles=(), words="bootstrap", progress=progress)
     # The covariance of `solution` is N⁻¹ of the whole catalogue; the same matrix serves all draws.
     replicates = solution.values + score_sums["scores"] @ solution.covariance
-    dof = score_dof(score_sums["squared leverages"], solution.modes)
+    dof = float(np.min(score_dof(score_sums["squared leverages"], solution.modes)))
     return ResampledFit("one-step bootstrap", solution, replicates, np.cov(replicates, rowvar=False), dof)
 
 
@@ -171,7 +171,8 @@ def _sum_drawn_scores(
     field: Field, solution: Solution, count_and_weight: tuple[int, float], n_replicates: int, seed: int
 ) -> dict[str, Any]:
     """Sum (k − 1) Aᵀ C⁻¹ Δ/(1 − leverage)^¾ over some sources, with k drawn for each, (replicates, p); and Σ h²."""
-    share = leverage(field, solution.modes, solution.covariance, total=count_and_weight)
+    leverages = leverage(field, solution.modes, solution.covariance, total=count_and_weight)
+    share = leverages[0]
 
     def sum_chunk_scores(chunk):
         sources = field[chunk]
@@ -188,7 +189,7 @@ def _sum_drawn_scores(
 
     chunk_size = max(64, min(2**24 // n_replicates, 2**22 // len(solution.modes)))
     steps = sum(map_blocks(sum_chunk_scores, len(field), chunk_size), np.zeros((n_replicates, len(solution.modes))))
-    return {"scores": steps, "squared leverages": float(share @ share)}
+    return {"scores": steps, "squared leverages": np.sum(leverages**2, axis=1)}
 
 
 #: Largest size of the normal matrices of all blocks together; more is refused. [bytes]
@@ -378,9 +379,8 @@ def compare_blocks(
     modes = modes_for(field, modes)
     min_blocks, rows, failure = BLOCKS_PER_COEFFICIENT * len(modes), [], None
     for nside in nsides:
-        n_blocks = len(
-            as_parts(field, SourcesWithErrors).sum(partial(_get_blocks, nside=nside), roles=(), words="blocks")
-        )
+        blocks = as_parts(field, SourcesWithErrors).sum(partial(_get_blocks, nside=nside), roles=(), words="blocks")
+        n_blocks = len(blocks)
         if n_blocks < min_blocks:
             failure = DegeneracyError(
                 f"{n_blocks} blocks of nside {nside} are too few for {len(modes)} coefficients; "

@@ -458,10 +458,8 @@ class Field(Equal, SourcesWithErrors):
         column_names = ("ra", "dec", *_MOTIONS, "pmra_pmdec_corr")
         column_values = (ra, dec, pmra, pmdec, pmra_error, pmdec_error, pmra_pmdec_corr)
         main_columns = dict(zip(column_names, column_values, strict=True))
-        if not set(measured) <= set(MEASURED):
-            raise FieldError(
-                f"no column is called {', '.join(set(measured) - set(MEASURED))}: {', '.join(MEASURED)} are"
-            )
+        if unknown_names := ", ".join(set(measured) - set(MEASURED)):
+            raise FieldError(f"no column is called {unknown_names}: {', '.join(MEASURED)} are")
         columns, added_notes = make_field_arrays(main_columns | measured, name, on_bad, first_row, unusable, aside)
         return cls(**columns, frame=frame, redshift_frame=redshift_frame, notes=(*notes, *added_notes))
 

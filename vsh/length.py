@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtr, chdtri, chndtr, ndtr, ndtri
 
-from vsh.tools.types import FloatArray
+from vsh.tools.types import ArrayLike, FloatArray
 
 #: How many points stand for the noise: tails of 16 % are then known to 0.4 %.
 _POINTS = 1024
@@ -37,14 +37,14 @@ _NEWTON_STEPS = 6
 FEWEST_DOF = 3
 
 
-def standard_errors(variances: Any, dof: float = np.inf) -> FloatArray:
+def standard_errors(variances: Any, dof: ArrayLike = np.inf) -> FloatArray:
     """Standard errors by variances that were estimated with so many degrees of freedom.
 
     Parameters
     ----------
     variances : (n,) array
         Diagonal of a covariance.
-    dof : float
+    dof : float or (n,) array
         Its degrees of freedom; inf of one that is known.
 
     Returns
@@ -53,9 +53,9 @@ def standard_errors(variances: Any, dof: float = np.inf) -> FloatArray:
         The standard deviation of Student's t, √(dof/(dof − 2)) times that of the variance: as p-values and limits
         allow for few degrees of freedom, so do these. nan where fewer than three determine no error.
     """
-    if dof < FEWEST_DOF:
-        return np.full(np.shape(variances), np.nan)
-    return np.asarray(np.sqrt(np.asarray(variances, float) * (1.0 if np.isinf(dof) else dof / (dof - 2))))
+    dof = np.asarray(dof, float)
+    factors = 1 / (1 - 2 / np.where(dof < FEWEST_DOF, np.nan, dof))
+    return np.asarray(np.sqrt(np.asarray(variances, float) * factors))
 
 
 def length_interval(

@@ -149,6 +149,11 @@ class Modes(InNotebook):
         offset = 2 * m - (m > 0) + (part == "im")
         return self.kinds.index(kind) * len(self) // len(self.kinds) + l * l - self.lowest**2 + offset
 
+    @property
+    def blocks(self) -> dict[tuple[Kind, int], slice]:
+        """Where the coefficients of each kind and degree are, in storage order."""
+        return {(kind, l): self.slice_of(kind, l) for kind in self.kinds for l in range(self.lowest, self.lmax + 1)}
+
     def slice_of(self, kind: Kind, l: int) -> slice:
         """Return the slice of all orders of degree `l` of one `kind`."""
         start = self.index(Mode(kind, l, 0))

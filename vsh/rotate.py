@@ -55,14 +55,12 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
     rotated_covariance = None if covariance is None else np.array(covariance, float)
     if rotated_covariance is not None and rotated_covariance.shape != (len(modes), len(modes)):
         raise ModesError(f"the covariance has shape {rotated_covariance.shape}, expected {(len(modes), len(modes))}")
-    for l in range(modes.lowest, modes.lmax + 1):
-        degree_rotation = degree_matrix(l, rotation_vector)
-        for kind in modes.kinds:
-            rows = modes.slice_of(kind, l)
-            values[rows] = degree_rotation @ values[rows]
-            if rotated_covariance is not None:
-                rotated_covariance[rows] = degree_rotation @ rotated_covariance[rows]
-                rotated_covariance[:, rows] = rotated_covariance[:, rows] @ degree_rotation.T
+    degree_rotations = [degree_matrix(l, rotation_vector) for l in range(modes.lmax + 1)]
+    for (_, l), rows in modes.blocks.items():
+        values[rows] = degree_rotations[l] @ values[rows]
+        if rotated_covariance is not None:
+            rotated_covariance[rows] = degree_rotations[l] @ rotated_covariance[rows]
+            rotated_covariance[:, rows] = rotated_covariance[:, rows] @ degree_rotations[l].T
     rotated = type(coefficients)(modes, values)
     return rotated if rotated_covariance is None else (rotated, rotated_covariance)
 

@@ -619,9 +619,7 @@ def _choose_highest_degree(equations, degrees):
             raise ModesError(f"systematic errors are estimated in degrees 2, 3, … without a gap, not {unique_degrees}")
         highest = unique_degrees[-1]
     if highest < 3:
-        raise ModesError(
-            "degrees 1 and 2 contain no information on systematic errors: fit degree 3 or more, 5 for classes"
-        )
+        raise ModesError("degrees 1 and 2 tell nothing of systematic errors: fit degree 3 or more, 5 for classes")
     if highest > lowest_lmax:
         raise ModesError(f"degree {highest} is not fitted in every class: the least goes to {lowest_lmax}")
     return highest

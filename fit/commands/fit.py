@@ -94,7 +94,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     if options.lmax is None:
         options.lmax = 5 if options.method == "recommended" else 3
     if options.classes and options.lmax < 3:
-        parser.error("--classes needs --lmax 3 or more: degrees 1 and 2 contain no information on systematic errors")
+        parser.error("--classes needs --lmax 3 or more: degrees 1 and 2 tell nothing of systematic errors")
     if options.templates and options.lmax < 3:
         parser.error("--templates needs --lmax 3 or more, 5 is best: degrees 1 and 2 alone tell them from nothing")
     if options.value is not None and not options.value.strip(", "):
@@ -214,8 +214,8 @@ def _run(options):
 def _fit_templates(estimate, templates):
     """Spin and acceleration of all sources with the templates fitted."""
     normal = estimate.equations(estimate.sources, estimate.solution.modes.lmax, templates=templates)
-    comparison = fit.background.shared([normal], labels=["all sources"], noise_scale=estimate.is_scaled)
-    return replace(comparison, notes=(*comparison.notes, estimate.class_note))
+    compared = fit.background.shared([normal], labels=["all sources"], noise_scale=estimate.is_scaled)
+    return replace(compared, notes=(*compared.notes, estimate.class_note))
 
 
 def _make_answer(solution, results, has_classes):
@@ -270,13 +270,11 @@ def _compare_classes(run, source, path, estimate, templates, n_sources):
     make_equations = partial(estimate.equations, templates=templates)
     normals = [make_equations(subset, lmax) for subset in subsets]
     normals = fit.background.extend_degrees(normals, make_equations, subsets)
-    comparison = fit.background.shared(
-        normals, range(2, lmax + 1), labels=classes.labels, noise_scale=estimate.is_scaled
-    )
+    compared = fit.background.shared(normals, range(2, lmax + 1), labels=classes.labels, noise_scale=estimate.is_scaled)
     n_inside, notes = n_inside or sum(normal.n_sources for normal in normals), []
     if n_sources > n_inside and not reading.is_density(options.value, source):  # which are pixels, of any size
         notes.append(f"{n_sources - n_inside} of {n_sources} sources are in no class: no value, or between conditions")
-    return replace(comparison, notes=(*comparison.notes, *notes, estimate.class_note))
+    return replace(compared, notes=(*compared.notes, *notes, estimate.class_note))
 
 
 def _join_conditions(selection, condition):

@@ -166,7 +166,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--h0 has an error, and no value: as 67.4±1")
     options.h0, options.h0_error, options.h0_range = (hubble_prior.get(name) for name in ("value", "error", "limits"))
     if options.floor == "yes" and options.lmax == 2:
-        parser.error("--floor needs --lmax 3 or more: degrees 1 and 2 contain no information on systematic errors")
+        parser.error("--floor needs --lmax 3 or more: degrees 1 and 2 tell nothing of systematic errors")
     method = parsing.split_method(options.method)[0] if options.method else ""
     for name, is_given in (("floor", options.floor), ("method", method not in ("", "clip"))):
         if is_given and not options.bins:

@@ -256,9 +256,8 @@ def correlation_matrices(
     """
     if isinstance(fields, dict):
         labels, fields = list(fields), list(fields.values())
-    fields = [
-        field_from_positions(field, sigma) for field in (fields if isinstance(fields, (list, tuple)) else [fields])
-    ]
+    catalogues = fields if isinstance(fields, (list, tuple)) else [fields]
+    fields = [field_from_positions(catalogue, sigma) for catalogue in catalogues]
     if not fields:
         raise ParameterError("at least one catalogue is required")
     labels = tuple(labels or (f"catalogue {i + 1}" for i in range(len(fields))))

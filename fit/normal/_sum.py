@@ -104,9 +104,8 @@ def normal_equations(
         return _sum_whitened_equations(sources, modes, as_covariance(covariance, sources))
     if isinstance(sources, Parts):
         if modes.lmax == 1 or method == "design-matrix":
-            return sources.sum(
-                partial(normal_equations, modes=modes, method=method), roles=(), words="normal equations"
-            )
+            sum_part = partial(normal_equations, modes=modes, method=method)
+            return sources.sum(sum_part, roles=(), words="normal equations")
         return sources.sum(partial(Moments.of, lmax=modes.lmax), roles=(), words="normal equations").normal_equations()
     if method == "compressed" or (method == "auto" and len(sources) > design_matrix_limit(modes)):
         sums = sum_by_moments(sources, modes, threads)

@@ -303,30 +303,38 @@ def leverage(
     *,
     total: tuple[int, float] | None = None,
 ) -> FloatArray:
-    """Leverage of each source on its own fitted motion, (n,): between 0 and 1, p/2n on average (p/n of scalars).
+    """Leverage of each source on its own fitted motion: between 0 and 1, p/2n on average (p/n of scalars).
+
+    Returns
+    -------
+    (1 + blocks, n) or (1, n) array
+        By all coefficients together, and by those of each kind and degree with the others free.
 
     Notes
     -----
-    Exact for small problems. For large ones p tr W/(2 Σ tr W), which is exact on a uniform sky by the addition theorem.
+    Exact for small problems. For large ones p tr W/(2 Σ tr W), which is exact on a uniform sky by the addition theorem,
+    of all coefficients alone.
     """
     p = len(modes)
     weights, components = field.weights * factors, field.components
     traces = weights[:components].sum(0)
     n_sources, total_trace = (len(field), traces.sum()) if total is None else total
     if not _has_exact_leverages(n_sources, modes):
-        return _approximate_leverages(traces, p, components, total_trace)
+        return _approximate_leverages(traces, p, components, total_trace)[None]
 
-    root = np.linalg.cholesky((inverse + inverse.T) / 2).T
-    component_pairs = ((0, 0), (1, 1), (0, 1))[: len(weights)]
+    blocks = [slice(0, p), *modes.blocks.values()]
+    root = np.concatenate([np.linalg.solve(np.linalg.cholesky(inverse[rows, rows]), inverse[rows]) for rows in blocks])
+    starts = np.cumsum([0, *(rows.stop - rows.start for rows in blocks[:-1])])
+    pairs = ((0, 0), (1, 1), (0, 1))[: len(weights)]
 
     def compute_chunk(chunk):
         basis = harmonics(field.lon[chunk], field.lat[chunk], modes)
-        whitened = (root @ basis.reshape(p, -1)).reshape(basis.shape)
+        whitened = (root @ basis.reshape(p, -1)).reshape(len(root), *basis.shape[1:])
         # The symmetric matrices of a source's motion: their trace with its weight, where c counts twice.
-        products = [(1 + (i != j)) * np.einsum("pn,pn->n", whitened[:, i], whitened[:, j]) for i, j in component_pairs]
-        return np.einsum("kn,kn->n", weights[:, chunk], products) / components
+        products = [(1 + (i != j)) * np.add.reduceat(whitened[:, i] * whitened[:, j], starts) for i, j in pairs]
+        return np.einsum("kn,kbn->bn", weights[:, chunk], products) / components
 
-    leverages = np.concatenate(list(map_blocks(compute_chunk, len(field), max(64, 2**18 // p), 1)))
+    leverages = np.concatenate(list(map_blocks(compute_chunk, len(field), max(64, 2**17 // p), 1)), axis=1)
     return np.clip(leverages, 0.0, 0.9)
 
 
@@ -352,8 +360,11 @@ def sandwich(
     power: float = 0.75,
     words: str = "errors",
     total: tuple[int, float] | None = None,
-) -> tuple[FloatArray, float]:
+) -> tuple[FloatArray, FloatArray]:
     """H⁻¹ M H⁻¹, (p, p): the covariance of a fit whose scores are Σ Aᵀ u C⁻¹Δ; and its degrees of freedom.
+
+    Those of all coefficients come first, then those of each kind and degree: on an uneven sky a few sources may decide
+    on a vector. Large problems, whose leverages are approximate, have the first alone.
 
     Where `total`, the number of sources and Σ u tr W, is known, one pass over many sources gives both H and M.
 
@@ -376,13 +387,13 @@ def sandwich(
         score_sums = sky.sum(sum_field, roles=(), words=words)
     covariance = inverse_slope @ score_sums["matrix"] @ inverse_slope
     residual_dof = modes.components * n_sources - len(modes)  # by which residuals can differ
-    return (covariance + covariance.T) / 2, min(score_dof(score_sums["squares"], modes), float(residual_dof))
+    return (covariance + covariance.T) / 2, np.minimum(score_dof(score_sums["squares"], modes), residual_dof)
 
 
-def score_dof(squares: float, modes: Modes) -> float:
-    """Degrees of freedom of the scores' outer products, of the sum of squares of the leverages (`sandwich`)."""
-    p, k = len(modes), modes.components
-    return p * (p + 1) / ((k**2 + k) * squares)
+def score_dof(squares: FloatArray, modes: Modes) -> FloatArray:
+    """Degrees of freedom of the scores' outer products, by Σh² of each row of `leverage` (`sandwich`)."""
+    sizes, k = np.array([len(modes), *(2 * l + 1 for _, l in modes.blocks)])[: len(squares)], modes.components
+    return np.asarray(sizes * (sizes + 1) / ((k**2 + k) * squares))
 
 
 def _sum_matrices(field, scores, modes, has_exact):
@@ -400,8 +411,8 @@ def _sum_score_products(field, scores, modes, inverse, total, power):
     """Sum AᵀψψᵀA and h² over some sources."""
     residual, u, _ = scores(field)
     leverages = leverage(field, modes, inverse, u, total=total)
-    products = compute_score_products(field, residual, u / (1 - leverages) ** power)
-    return {"matrix": weighted_matrix(field, products, modes), "squares": float(leverages @ leverages)}
+    products = compute_score_products(field, residual, u / (1 - leverages[0]) ** power)
+    return {"matrix": weighted_matrix(field, products, modes), "squares": np.sum(leverages**2, axis=1)}
 
 
 def _sum_slopes_and_products(field, scores, modes, total, power):
@@ -420,7 +431,7 @@ def _sum_slopes_and_products(field, scores, modes, total, power):
             planes[half:, piece] = compute_score_products(subset, residual[:, rows], u[rows] / (1 - leverages) ** power)
             squared_leverage += float(leverages @ leverages)
         moments = fourier_moments(chunk.lon, chunk.lat, planes, 2 * modes.lmax, _MOMENT_ACCURACY)
-        return {"moments": moments[:, 2 * modes.lmax :], "squares": squared_leverage}
+        return {"moments": moments[:, 2 * modes.lmax :], "squares": np.array([squared_leverage])}
 
     sums = reduce(add_sums, map_blocks(sum_block, len(field), BLOCK))
     rings = make_rings(modes)

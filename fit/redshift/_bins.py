@@ -172,9 +172,9 @@ def binned(
 
 def _has_relevant_flows(field, edges, theory):
     """Return whether sources share flows enough to change the tests of their bins."""
-    return (
-        theory is not None and binned(field, 1, edges, flows=theory, method="least-squares").flow_share > FLOW_MATTERS
-    )
+    if theory is None:
+        return False
+    return binned(field, 1, edges, flows=theory, method="least-squares").flow_share > FLOW_MATTERS
 
 
 #: From so many sources on a bin has weights of its own; and so many it needs for those of a robust fit. With 7 sources,

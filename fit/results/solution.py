@@ -12,6 +12,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.special import gammaincinv
 
 from fit.results.quality import ErrorSource, Quality
 from fit.results.storage import (
@@ -95,7 +96,12 @@ class LinearSolution(Result):
     @property
     def sigma(self) -> FloatArray:
         """Standard error of each parameter, (p,): with the degrees of freedom of an estimated covariance."""
-        return standard_errors(np.diag(self.covariance), getattr(self, "covariance_dof", np.inf))
+        return standard_errors(np.diag(self.covariance), self._parameter_dof)
+
+    @property
+    def _parameter_dof(self):
+        """Degrees of freedom of each parameter's variance, (p,), or of all."""
+        return getattr(self, "covariance_dof", np.inf)
 
     def gaussian(self) -> Gaussian:
         """Names, estimates and covariance of the parameters, for a sampler or another code's likelihood."""
@@ -162,6 +168,8 @@ class Solution(LinearSolution):
     covariance_dof : float
         Degrees of freedom with which the covariance was estimated. It is inf if the covariance follows from the
         errors of the sources, and the number of replicates minus one if it was resampled. p-values allow for it.
+    block_dof : tuple of float
+        The same of each kind and degree, in storage order; empty where they have that of the whole.
     by_prior : float
         Effective number of coefficients that a prior determined in place of the data: tr(C P), with P the inverse
         covariance of the prior. Only the other p − `by_prior` coefficients cost degrees of freedom.
@@ -203,6 +211,7 @@ class Solution(LinearSolution):
     notes: tuple[str, ...] = ()
     errors_from: str = "the catalogue"
     covariance_dof: float = float("inf")
+    block_dof: tuple[float, ...] = ()
     by_prior: float = 0.0
     without_prior: Solution | None = None
     unit: str = "µas/yr"
@@ -293,6 +302,7 @@ class Solution(LinearSolution):
             errors_from="the weights of the fit",
             error_source=ErrorSource.CATALOGUE,
             covariance_dof=float("inf"),
+            block_dof=(),
             includes_floor=False,
             without_prior=None,
         )
@@ -372,18 +382,28 @@ class Solution(LinearSolution):
         when the true ones are zero, whatever the sky coverage. Where C was estimated from replicates, it is
         Hotelling's T²; nan where they are too few to determine it.
         """
-        return chance_probability(self.chi2_of_degree(kind, l), 2 * l + 1, self.covariance_dof)
+        return chance_probability(self.chi2_of_degree(kind, l), 2 * l + 1, self.dof_of_degree(kind, l))
+
+    def dof_of_degree(self, kind: Kind, l: int) -> float:
+        """Degrees of freedom with which the covariance of one `kind` and degree was estimated; inf if it is known."""
+        return float(self._parameter_dof[self.modes.slice_of(kind, l)][0])
+
+    @property
+    def _parameter_dof(self):
+        """Degrees of freedom of each coefficient's variance, (p,)."""
+        blocks = self.modes.blocks
+        return np.repeat(self.block_dof or [self.covariance_dof] * len(blocks), [2 * l + 1 for _, l in blocks])
 
     def chi2_of_degree(self, kind: Kind, l: int) -> float:
         """W̃ = cᵀ C⁻¹ c over coefficients of one `kind` and degree `l`; nan where too few replicates determine C."""
-        if self.covariance_dof < max(2 * l + 1, FEWEST_DOF):
+        if self.dof_of_degree(kind, l) < max(2 * l + 1, FEWEST_DOF):
             return float("nan")
         values, covariance = self.of_degree(kind, l)
         return float(values @ np.linalg.solve(covariance, values))
 
     def _make_first_degree_vector(self, kind, design):
         vector = solve_degree_one(design, *self.of_degree(kind, 1), self.frame, self.unit)
-        return replace(vector, dof=self.covariance_dof)
+        return replace(vector, dof=self.dof_of_degree(kind, 1))
 
     def _compute_weighted_covariance(self, kind, l):
         return self._compute_power_weights(l)[:, None] * self.of_degree(kind, l)[1]
@@ -444,7 +464,8 @@ class Solution(LinearSolution):
         random_generator, values = generator(rng), self.coefficients.values
         draws = random_generator.multivariate_normal(np.zeros(len(values)), self.covariance, size=whole("n", n))
         if np.isfinite(self.covariance_dof):
-            draws /= np.sqrt(random_generator.chisquare(self.covariance_dof, (n, 1)) / self.covariance_dof)
+            dof = self._parameter_dof
+            draws /= np.sqrt(2 / dof * gammaincinv(dof / 2, random_generator.uniform(size=(n, 1))))
         return values + draws
 
     @property
@@ -571,7 +592,11 @@ class Solution(LinearSolution):
     @classmethod
     def _decode_attributes(cls, columns, metadata):
         """Attributes of every solution."""
-        stored_attributes = {"floor": None, "formal_covariance": None} | metadata  # which older files lack
+        stored_attributes = {
+            "floor": None,
+            "formal_covariance": None,
+            "block_dof": encode_value(()),
+        } | metadata  # which older files lack
         plain = {name: decode_value(stored_attributes[name]) for name in cls._list_plain_attributes()}
         plain |= {name: from_hex(plain[name]) for name in ("chi2", "covariance_dof", "by_prior")}
         plain |= {name: str(plain[name]) for name in ("errors_from", "unit")}
@@ -583,10 +608,15 @@ class Solution(LinearSolution):
 
 
 def with_errors(
-    solution: Solution, covariance: FloatArray, errors_from: str, error_source: ErrorSource, **changes: Any
+    solution: Solution, covariance: FloatArray, errors_from: str, source: ErrorSource, dof: Any = np.inf, **changes: Any
 ) -> Solution:
-    """The solution with another covariance, beside which its own is the formal one."""
-    changes |= {"errors_from": errors_from, "error_source": error_source, "formal_covariance": solution.covariance}
+    """The solution with another covariance, beside which its own is the formal one.
+
+    `dof` are its degrees of freedom, and then those of each kind and degree, where they are known.
+    """
+    covariance_dof, *block_dof = np.atleast_1d(dof).tolist()
+    changes |= {"errors_from": errors_from, "error_source": source, "formal_covariance": solution.covariance}
+    changes |= {"covariance_dof": covariance_dof, "block_dof": tuple(block_dof)}
     return replace(solution, covariance=covariance, **changes)
 
 

@@ -56,7 +56,7 @@ def spectrum(solution: Any) -> list[Degree]:
     """
     solution = solution_of(solution, "spectrum")
     modes = solution.modes
-    return [_compute_degree(solution, kind, l) for kind in modes.kinds for l in range(modes.lowest, modes.lmax + 1)]
+    return [_compute_degree(solution, kind, l) for kind, l in modes.blocks]
 
 
 def compute_wilson_hilferty_z(w: float, n: float) -> float:

@@ -374,7 +374,7 @@ def excess_noise(
     if scale:
         note += f", after scaling the errors by {format_with_error(scale_factor, scale_factor_error)}"
     errors_from, notes = "the residuals, source by source, with excess noise", (*solution.notes, note)
-    solution = with_errors(solution, covariance, errors_from, ErrorSource.EXCESS_NOISE, covariance_dof=dof, notes=notes)
+    solution = with_errors(solution, covariance, errors_from, ErrorSource.EXCESS_NOISE, dof, notes=notes)
     return ExcessNoise(
         solution=solution,
         excess_noise=float(noise),

@@ -328,8 +328,8 @@ def student_t(
     where errors say nothing of the scatter: with the same scatter for all, pulls are 1.08 for errors from 0.2 to 1 of
     it (ν = 1.7), 1.5 from 0.05 (ν = 1.05), 6 from 0 (ν = .8). Where ν is below 1.3 a note says so; `fit.recommended`
     then adds an excess noise. Of few sources the covariance has few degrees of freedom (`covariance_dof`), which
-    standard errors, p-values and limits use. They are those of the whole covariance: where sources crowd in a part of
-    the sky a vector at degree 3 or more has fewer, and p < 0.0027 came on 2.3 % of such skies without a signal.
+    standard errors, p-values and limits use; and each kind and degree has its own (`block_dof`): a few sources of an
+    uneven sky may decide on a vector.
     """
     modes, sky = modes_for(field, modes), _add_noise_to_errors(field, noise)
     t_weights = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
@@ -500,8 +500,8 @@ def _make_reweighted_fit(sky, errors_name, plain, solution, weigher, rounds, cou
         )
         warnings.append(CodedNote(warning, ERRORS_TOO_SMALL))
     errors_from, notes = "the residuals of the robust fit, source by source", (*plain.notes, *warnings, note)
-    attributes = {"covariance_dof": dof, "chi2": summary["chi2"], "n_data": plain.n_data, "notes": notes}
-    solution = with_errors(solution, covariance, errors_from, ErrorSource.RESIDUALS, **attributes)
+    attributes = {"chi2": summary["chi2"], "n_data": plain.n_data, "notes": notes}
+    solution = with_errors(solution, covariance, errors_from, ErrorSource.RESIDUALS, dof, **attributes)
     weights = None if sky.in_memory is None else weigher(sky.in_memory)[1]
     return ReweightedFit(
         solution=solution,

@@ -131,16 +131,12 @@ def link(
     binary = ~still & (rng.uniform(size=n_all) < binaries)
     shift[:2] = _ORBIT[0] * rng.standard_normal((2, n_all)) * binary + offset * rng.standard_normal((2, n_all)) * still
     shift[3:] = _ORBIT[1] * rng.standard_normal((2, n_all)) * binary
-    calibrator_index = np.where(still, -1, np.arange(n_all) % calibrators if calibrators else np.arange(n_all))
+    group_index = np.where(still, -1, np.arange(n_all) % calibrators if calibrators else np.arange(n_all))
     if star_offset:
         shift[:2] += star_offset * rng.standard_normal((2, n_all)) * ~still
     if calibrator_error:
-        shift[:2] += (calibrator_error * rng.standard_normal((2, calibrator_index.max() + 1)))[
-            :, calibrator_index
-        ] * ~still
-    calibrator_names = np.where(
-        still | (calibrators == 0), "", np.char.add("calibrator ", calibrator_index.astype(str))
-    )
+        shift[:2] += (calibrator_error * rng.standard_normal((2, group_index.max() + 1)))[:, group_index] * ~still
+    calibrator_names = np.where(still | (calibrators == 0), "", np.char.add("calibrator ", group_index.astype(str)))
 
     sigma = _GAIA_FACTORS[:, None] * parallax_error(np.maximum(magnitude, 9.0))
     correlation_root = np.linalg.cholesky(np.eye(5) + 0.3 * (np.ones((5, 5)) - np.eye(5)))

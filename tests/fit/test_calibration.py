@@ -110,7 +110,8 @@ def test_sandwich_by_its_definition():
     np.testing.assert_allclose(weighted_matrix(field, field.weights * u, modes), bread[0], rtol=1e-10)
     within = np.einsum("pci,pq,qdi->icd", basis, np.linalg.inv(bread[0]), basis)
     hat = u * np.einsum("icd,idc->i", inverse, within) / 2
-    np.testing.assert_allclose(leverage(field, modes, np.linalg.inv(bread[0]), u), hat, rtol=1e-9)
+    leverages = leverage(field, modes, np.linalg.inv(bread[0]), u)
+    np.testing.assert_allclose(leverages[0], hat, rtol=1e-9)
     assert hat.sum() == pytest.approx(16 / 2)
     meat = np.zeros((16, 16))
     for i in range(60):
@@ -119,14 +120,19 @@ def test_sandwich_by_its_definition():
     expected = np.linalg.inv(bread[1]) @ meat @ np.linalg.inv(bread[1])
     found, dof = sandwich(as_parts(field), lambda _: (field.motion, u, slope), modes)
     np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-10 * np.abs(expected).max())
-    # Wishart's matrix of as many degrees of freedom scatters as much as the outer products of Gaussian scores.
-    root = np.linalg.inv(np.linalg.cholesky(bread[0]))
-    squares = 0.0
-    for i in range(60):
-        a = root @ basis[:, :, i]
-        share = u[i] * a @ inverse[i] @ a.T
-        squares += np.trace(share) ** 2 + np.trace(share @ share)
-    assert 1 <= dof / (16 * 17 / squares) <= 4 / 3  # the two components of a source have one leverage
+    # Wishart's matrix of as many degrees of freedom scatters as much as the outer products of Gaussian scores: all of
+    # them, and those that determine one kind and degree with the others free.
+    free = np.linalg.inv(bread[0])
+    blocks = [slice(0, 16), *(modes.slice_of(kind, l) for kind in "TS" for l in (1, 2))]
+    for block, shares, block_dof in zip(blocks, leverages, dof, strict=True):
+        root, size = np.linalg.inv(np.linalg.cholesky(free[block, block])) @ free[block], block.stop - block.start
+        squares = 0.0
+        for i in range(60):
+            a = root @ basis[:, :, i]
+            share = u[i] * a @ inverse[i] @ a.T
+            assert shares[i] == pytest.approx(np.trace(share) / 2, rel=1e-9)
+            squares += np.trace(share) ** 2 + np.trace(share @ share)
+        assert 1 <= block_dof / (size * (size + 1) / squares) <= 4 / 3  # a source's two components have one leverage
 
 
 def test_sandwich_of_many_in_one_pass():
@@ -138,6 +144,26 @@ def test_sandwich_of_many_in_one_pass():
     one, same_dof = sandwich(as_parts(field), lambda part: (part.motion, u, slope), modes, total=total)
     np.testing.assert_allclose(one, two, rtol=1e-7, atol=1e-9 * np.abs(two).max())
     assert dof == pytest.approx(same_dof, rel=1e-12)
+
+
+def test_degrees_of_freedom_of_a_vector_where_sources_crowd(tmp_path):
+    """Few sources at one side of the sky decide on a vector: the scatter of its variance tells how many."""
+    rng = np.random.default_rng(5)
+    lat = np.arcsin(np.concatenate([rng.uniform(0.0, 1, 900), rng.uniform(-1, 0.0, 18)]))
+    lon = rng.uniform(0, 2 * np.pi, lat.size)
+    positions = Field(lon, lat, np.zeros((2, lat.size)), np.ones((2, lat.size)))
+    variances = []
+    for _ in range(60):
+        solution = fit.robust.student_t(replace(positions, motion=rng.normal(size=(2, lat.size))), 3, nu=200).solution
+        variances.append(np.diag(solution.spin.covariance))
+    scatter = np.std(variances, axis=0) / np.mean(variances, axis=0)
+    assert solution.dof_of_degree("T", 1) == pytest.approx(np.mean(2 / scatter**2), rel=0.5)
+    assert solution.dof_of_degree("T", 1) < solution.covariance_dof / 3
+    assert solution.spin.dof == solution.dof_of_degree("T", 1)
+    solution.write(tmp_path / "student.ecsv")
+    assert type(solution).read(tmp_path / "student.ecsv").block_dof == solution.block_dof
+    draws = solution.sample(20000, rng=1)[:, solution.modes.slice_of("T", 1)]
+    assert np.std(draws, axis=0) == pytest.approx(solution.sigma[solution.modes.slice_of("T", 1)], rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -300,7 +326,7 @@ def test_too_few_replicates_have_no_p_value():
     assert np.isnan(solution.p_value("T", 3))
     assert 0 < solution.p_value("T", 1) < 1
     text = solution.report()
-    assert "does not determine the 2l + 1 coefficients of degree 3 and above: p-values are nan there" in text
+    assert "does not determine the 2l + 1 coefficients of degree 3: p-values of 1 of the degrees are nan" in text
     assert "Hotelling" in solution.report(long=True)
 
 

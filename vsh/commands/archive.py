@@ -192,12 +192,10 @@ def _run(options):
 
 def _fetch_epochs(options):
     """Fetch the epochs of a list of sources, a batch at a time."""
-    keywords = {
-        name: value for name in ("retrieval_type", "structure") if (value := getattr(options, name)) is not None
-    }
+    choices = {name: value for name in ("retrieval_type", "structure") if (value := getattr(options, name)) is not None}
     ids = archive.read_ids(options.ids)
     url = archive.DATA_SERVER if options.url == archive.ESA else options.url
-    folder = archive.fetch_epochs(ids, options.output, url, progress=not options.quiet, **keywords)
+    folder = archive.fetch_epochs(ids, options.output, url, progress=not options.quiet, **choices)
     n_files, missing = sum(1 for path in folder.iterdir() if path.is_file()), archive.sources_without_epochs(folder)
     lines = [f"written to {folder}: {n_files} files of {len(set(ids)) - len(missing)} sources"]
     if missing:

@@ -68,9 +68,7 @@ def bibtex(command: str, given_options: Mapping[str, Any]) -> str:
     """The entries of what a run uses."""
     from importlib.resources import files
 
-    text = (
-        files("vsh.commands").joinpath("citations.bib").read_text(encoding="utf-8").replace("VERSION", vsh.__version__)
-    )
+    text = files("vsh.commands").joinpath("citations.bib").read_text("utf-8").replace("VERSION", vsh.__version__)
     entries = dict(re.findall(r"^(?=@\w+\{(\w+),)(.*?^\}$)", text, re.MULTILINE | re.DOTALL))
     return "\n\n".join(entries[key] for key in collect_citation_keys(command, given_options))
 

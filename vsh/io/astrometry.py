@@ -252,6 +252,5 @@ def write_astrometry(
     }  # fmt: skip
     units = {name: _UNITS.get(name.removesuffix("_error"), "") for name in columns}
     units |= {"ra_error": "mas", "dec_error": "mas", "epoch": "yr", "phot_g_mean_mag": "mag"}
-    tables.write_columns(
-        path, columns, dict(meta or {}), {name: unit for name, unit in units.items() if unit}, overwrite
-    )
+    known_units = {name: unit for name, unit in units.items() if unit}
+    tables.write_columns(path, columns, dict(meta or {}), known_units, overwrite)

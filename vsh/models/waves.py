@@ -56,10 +56,8 @@ def wave_motions(lon: ArrayLike, lat: ArrayLike, direction: ArrayLike, plus: flo
 def _make_strain_tensor(k, plus, cross):
     lon, lat = angles(k)
     east, north, _ = triad(lon, lat)
-    south = -north
-    return plus * (np.outer(south, south) - np.outer(east, east)) + cross * (
-        np.outer(south, east) + np.outer(east, south)
-    )
+    mixed = np.outer(north, east)
+    return plus * (np.outer(north, north) - np.outer(east, east)) - cross * (mixed + mixed.T)
 
 
 def unit_vector(direction: ArrayLike) -> FloatArray:

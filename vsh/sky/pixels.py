@@ -50,9 +50,8 @@ def check_nside(nside: int, any_size: bool = False, most: int = 8192) -> int:
     """
     if isinstance(nside, (int, np.integer)) and 1 <= nside <= most and (any_size or nside & (nside - 1) == 0):
         return nside
-    raise FieldError(
-        f"nside must be a {'whole number' if any_size else 'power of two'} from 1 to {most}, not {nside!r}"
-    )
+    noun = "whole number" if any_size else "power of two"
+    raise FieldError(f"nside must be a {noun} from 1 to {most}, not {nside!r}")
 
 
 def centres(nside: int, *, any_size: bool = False) -> tuple[FloatArray, FloatArray]:

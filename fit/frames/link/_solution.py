@@ -256,9 +256,8 @@ class FrameTie(FrameResult, NamedSolution):
         median = float(np.median(bright))
         spin = ", ".join(f"{value:+.1f}" for value in rotation_matrix("icrs", self.frame) @ published_spin(median))
         words = f"median of {len(bright)} sources with G < {BRIGHT:g}, by clusters and binaries"
-        return [
-            ("published", f"spin ({spin}) µas/yr of (E)DR3 at G = {median:.1f}, {words} (Cantat-Gaudin & Brandt 2021)")
-        ]
+        text = f"spin ({spin}) µas/yr of (E)DR3 at G = {median:.1f}, {words} (Cantat-Gaudin & Brandt 2021)"
+        return [("published", text)]
 
     def _write_source_remarks(self):
         """Write sentences on probable outliers, and on sources that the answer hangs on."""
@@ -390,12 +389,10 @@ class FrameTie(FrameResult, NamedSolution):
                     facts.append((f"{vector} of {catalogue}, {label}", f"{components} {level.unit}"))
         for step in unknowns.steps if long else ():
             p_value, *p_values = self.jump_p_values(step)
-            phrases = [
-                f"{vector} {format_p_value(p)}" for vector, p in zip(self._jumping_vectors, p_values, strict=True)
-            ]
+            texts = [f"{vector} {format_p_value(p)}" for vector, p in zip(self._jumping_vectors, p_values, strict=True)]
             remark = "after allowing for all places" if self.searched else "as if the place were known in advance"
-            phrases += [f"together {format_p_value(p_value)}"] * (len(p_values) > 1)
-            facts.append((f"p-values of no jump at {step:.4g} mag, {remark}", ", ".join(phrases)))
+            texts += [f"together {format_p_value(p_value)}"] * (len(p_values) > 1)
+            facts.append((f"p-values of no jump at {step:.4g} mag, {remark}", ", ".join(texts)))
         return facts
 
     def _format_vector(self, name, catalogue):
@@ -562,6 +559,5 @@ def forecast(solution: FrameTie, candidates: AstrometryRows) -> LinkPlan:
         gains.append(gain[best_index])
         total_information = total_information + information[chosen[-1]]
         sigmas.append(np.sqrt(np.diag(np.linalg.inv(total_information))))
-    return LinkPlan(
-        solution.names, tuple(rows.names[i] for i in chosen), np.array(gains), np.array(sigmas), solution.sigma
-    )
+    names = tuple(rows.names[i] for i in chosen)
+    return LinkPlan(solution.names, names, np.array(gains), np.array(sigmas), solution.sigma)

@@ -264,8 +264,9 @@ def _describe_reason_for_no_result(solution):
         return "the quoted errors say too little of the scatter. To quote: fit.recommended (no --method)"
     if repeated_rows_notes := [note for note in solution.notes if has_code(note, REPEATED)]:
         return str(repeated_rows_notes[0]).removeprefix("warning: ")
-    if solution.covariance_dof < FEWEST_DOF:
-        return f"{_describe_dof(solution)} does not determine the errors of a vector"
+    dof = min(solution.dof_of_degree(kind, solution.modes.lowest) for kind in solution.modes.kinds)
+    if dof < FEWEST_DOF:
+        return f"{_describe_dof(dof)} does not determine the errors of a vector"
     return None
 
 
@@ -386,8 +387,8 @@ _FORMAL_ERRORS_REMARK = (
 _FEW_DATA_PER_COEFFICIENT = 4
 
 
-def _describe_dof(solution):
-    return f"a covariance with {solution.covariance_dof:.0f} degrees of freedom"
+def _describe_dof(dof):
+    return f"a covariance with {dof:.0f} degrees of freedom"
 
 
 def warnings_of(solution: Any) -> list[tuple[str, str]]:
@@ -395,12 +396,13 @@ def warnings_of(solution: Any) -> list[tuple[str, str]]:
     texts, size = [], len(solution.modes)
     if (warning := solution.quality.warning()) and solution.error_source == ErrorSource.CATALOGUE:
         texts.append(f"{warning}; those below are not scaled")
-    degrees = [l for l in range(solution.modes.lowest, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1]
-    if degrees and not solution.covariance_dof > 0:
+    too_few = [(l, dof) for kind, l in solution.modes.blocks if (dof := solution.dof_of_degree(kind, l)) < 2 * l + 1]
+    if too_few and not solution.covariance_dof > 0:
         texts.append("few sources decide this fit: its errors are not known, and p-values are nan")
-    elif degrees:
-        text = f"{_describe_dof(solution)} does not determine the 2l + 1 coefficients of degree {degrees[0]} and above"
-        texts.append(f"{text}: p-values are nan there")
+    elif too_few:
+        degree, dof = min(too_few)
+        text = f"{_describe_dof(dof)} does not determine the 2l + 1 coefficients of degree {degree}"
+        texts.append(f"{text}: p-values of {len({l for l, _ in too_few})} of the degrees are nan")
     if size <= solution.dof < _FEW_DATA_PER_COEFFICIENT * size:
         text = f"{size} coefficients of {solution.n_data} numbers: errors grow with every degree"
         texts.append(f"{text}; a lower --lmax is enough for degree 1")

@@ -139,7 +139,7 @@ def test_one_class_is_a_floor():
     ("call", "error", "words"),
     [
         (lambda n: shared([]), ParameterError, "there are no classes"),
-        (lambda n: shared(n, degrees=(2,)), ModesError, "contain no information on systematic errors"),
+        (lambda n: shared(n, degrees=(2,)), ModesError, "tell nothing of systematic errors"),
         (lambda n: shared(n, degrees=(2, 4)), ModesError, "without a gap"),
         (lambda n: shared(n, degrees=range(2, 9)), ModesError, "degree 8 is not fitted"),
         (lambda n: shared(n, shapes=("steeper",)), ParameterError, "a shape is 'flat', 'gaia', 'steep' or a Spectrum"),

@@ -81,7 +81,7 @@ def test_messages_name_the_error(classes, words, path, capsys):
 def test_degrees_are_needed(path, capsys):
     with pytest.raises(SystemExit):
         main([str(path), "--lmax", "2", "--classes", "magnitude:19"])
-    assert "contain no information on systematic errors" in capsys.readouterr().err
+    assert "tell nothing of systematic errors" in capsys.readouterr().err
 
 
 def spoilt(tmp_path):

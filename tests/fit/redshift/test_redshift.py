@@ -333,7 +333,7 @@ def test_bins_with_errors_that_they_share(tmp_path, capsys):
     assert (tmp_path / "out" / "shared.ecsv").exists()
     with pytest.raises(SystemExit):
         main([*words, "--lmax", "2", "--floor"])
-    assert "degrees 1 and 2 contain no information on systematic errors" in capsys.readouterr().err
+    assert "degrees 1 and 2 tell nothing of systematic errors" in capsys.readouterr().err
 
 
 def test_flows_are_added_to_the_errors_that_bins_share():

@@ -204,9 +204,8 @@ def _parse_csv_rows(body, names, url):
     rows = list(csv.reader(io.StringIO(body.decode("utf-8", "replace"))))
     if not rows or [cell.strip().lower() for cell in rows[0]][: len(names)] != list(names):
         raise ArchiveError(f"{url} sent no list of columns: {printable(body[:80].decode('utf-8', 'replace'))}")
-    return [
-        [cell.strip().strip('"').lower() for cell in row[: len(names)]] for row in rows[1:] if len(row) >= len(names)
-    ]
+    whole_rows = [row[: len(names)] for row in rows[1:] if len(row) >= len(names)]
+    return [[cell.strip().strip('"').lower() for cell in row] for row in whole_rows]
 
 
 def _submit_job(adql, url, max_rows, upload=None, table_format="fits"):

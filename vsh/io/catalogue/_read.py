@@ -652,9 +652,8 @@ def read_scalars(
 
     def compute_values(*columns):
         values = {name: convert_numbers(name, column) for name, column in zip(formula.names, columns, strict=True)}
-        once, twice, thrice = (
-            formula.calculate({name: (k * n, None) for name, n in values.items()}) for k in (1, 2, 3)
-        )
+        multiples = ({name: (k * n, None) for name, n in values.items()} for k in (1, 2, 3))
+        once, twice, thrice = map(formula.calculate, multiples)
         step = np.nan_to_num(twice - once)
         if base and np.nan_to_num(once).any() and not (step.any() and np.allclose(np.nan_to_num(thrice - twice), step)):
             raise TableError(f"{printable(value)} is not in {base}, as {printable(main)} is: add and subtract columns")
