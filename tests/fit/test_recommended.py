@@ -143,6 +143,8 @@ def test_no_error_is_printed_where_nothing_is_left_to_tell_it():
         result = fit.recommended(noise(n, n))
         assert np.isnan([result.spin.amplitude_error, result.spin.amplitude_limit(), result.spin.p_value]).all()
         assert "no result" in result.verdict
+    # Eight numbers less six unknowns: of as many as the scores alone suggest, three, errors would be printed.
+    assert fit.robust.excess_noise(noise(4, 4), 1).solution.covariance_dof == 2
 
 
 @pytest.mark.parametrize(("n", "lmax", "decades"), [(60, 3, 4), (80, 3, 4), (60, 2, 4), (100, 2, 4)])
