@@ -2,7 +2,7 @@
 
 import re
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from functools import lru_cache
 from typing import Any
@@ -266,23 +266,30 @@ def _describe_odd_medians(median_error, median_abs_motion, error_limits):
 class RowSelection:
     """A condition on one table."""
 
-    def __init__(self, where: str, source: tables.TableSource, roles: Mapping[str, str] | None = None) -> None:
-        self._where = tables.Where(where)
+    def __init__(self, where: str, source: TableSource, roles: Any = None, units: Any = None) -> None:
+        self._where, roles = tables.Where(where), dict(roles or {})
         # A role stands for the column that has it, where no column is called so: redshift for redshift_qsoc.
         absent = [name for name in self._where.names if name not in source.names]
-        self._roles = {role: column for role, column in (roles or {}).items() if role in absent}
+        self._roles = {role: column for role, column in roles.items() if role in absent}
         self._where.check((*source.names, *self._roles), source.label)
         self.names = tuple(dict.fromkeys(self._roles.get(name, name) for name in self._where.names))
-        self._magnitude = (roles or {}).get("magnitude")
+        # Beyond these a number marks a missing value, as it does in a field: 99 of redshifts, 999 of magnitudes.
+        self._ranges = {
+            column: PLAUSIBLE_RANGES[role]
+            for role in ("magnitude", "redshift")
+            if (column := roles.get(role)) in self.names
+            and (role == "magnitude" or str(find_column_unit(column, units or {}, source) or "1") == "1")
+        }
 
     def select_rows(self, block: Mapping[str, Any], first_row: int) -> tuple[dict[str, Any], Any, list[str]]:
         """The selected rows of a block, their numbers, and a note that counts the others."""
-        if self._magnitude in self.names:  # 999 marks one that is missing, as it does in a field
-            values, mask = block[self._magnitude]
+        remarks = []
+        for column, (low, high) in self._ranges.items():
+            values, mask = block[column]
             if values.dtype.kind in "fiu":
-                low, high = PLAUSIBLE_RANGES["magnitude"]
                 is_known = (values > low) & (values < high)
-                block = {**block, self._magnitude: (values, ~is_known if mask is None else ~is_known | mask)}
+                block = {**block, column: (values, ~is_known if mask is None else ~is_known | mask)}
+                remarks += [f"{printable(column)} beyond {low:g} … {high:g} counts as missing"] * (not is_known.all())
         condition_columns = {name: block[self._roles.get(name, name)] for name in self._where.names}
         selection, missing = self._where.select_rows(condition_columns or block)
         counts = {FALSE: int((~selection & ~missing).sum()), MISSING: int(missing.sum())}
@@ -290,18 +297,14 @@ class RowSelection:
         fingerprint = np.packbits(selection), np.array([first_row]), *(array for array, _ in list(block.values())[:2])
         note = UnselectedRows.of_table(counts, len(selection), *fingerprint, names=(self._where.shown,))
         if not selection.any():
-            raise make_empty_selection_error((note,))
+            raise make_empty_selection_error((note,), remarks)
         rows = np.flatnonzero(selection)
-        selected_block = {
-            name: (values[rows], None if mask is None else np.asarray(mask)[rows])
-            for name, (values, mask) in block.items()
-        }
-        return selected_block, first_row + rows, [note]
+        return tables.take_rows(block, rows), first_row + rows, [note]
 
 
-def make_empty_selection_error(notes: Iterable[str]) -> EmptySelectionError:
+def make_empty_selection_error(notes: Sequence[str], remarks: Sequence[str] = ()) -> EmptySelectionError:
     """The error of a table without a selected row."""
-    error = EmptySelectionError("no row is left by --where: " + "; ".join(map(str, notes)))
+    error = EmptySelectionError("no row is left by --where: " + "; ".join(map(str, (*notes, *remarks))))
     error.notes = tuple(notes)
     return error
 

@@ -286,7 +286,7 @@ class _FieldMaker:
             self.source = derive_columns(self.source, {name: ((), lambda: size, "uas / yr") for name in names.values()})
             assumed_errors = [CodedNote(f"errors of {size:g} µas/yr for every source (as asked)", ASSUMED_MOTIONS)]
         column_of_role, notes = locate_columns(as_columns(columns), self.source)
-        self.selection = None if where is None else RowSelection(where, self.source, column_of_role)
+        self.selection = None if where is None else RowSelection(where, self.source, column_of_role, units)
         self.column_of = {role: name for role, name in column_of_role.items() if role not in OPTIONAL or role in roles}
         self.frames = find_frames(self.column_of, frame, self.source)
         self.frame = self.frames.frame

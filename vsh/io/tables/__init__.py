@@ -15,7 +15,7 @@ from vsh.io.tables._open import (
     open_table,
     read_table,
 )
-from vsh.io.tables._source import TableSource, as_table_error, cache_columns, check_layout
+from vsh.io.tables._source import TableSource, as_table_error, cache_columns, check_layout, take_rows
 from vsh.io.tables._where import Where
 from vsh.tools.files import CREATOR, check_writable, format_of, table_of, table_of_rows, write_columns, write_table
 

@@ -193,6 +193,11 @@ def concatenate_sources(label: str, sources: Sequence[TableSource]) -> TableSour
     return TableSource(label, all_names, read, units, reference.meta, notes, descriptions=reference.descriptions)
 
 
+def take_rows(block: Mapping[str, Any], rows: Any) -> dict[str, Any]:
+    """Some rows of a block of columns, each a pair of its values and the mask of missing ones."""
+    return {name: (values[rows], None if mask is None else mask[rows]) for name, (values, mask) in block.items()}
+
+
 def cache_columns(source: TableSource) -> TableSource:
     """Cache the columns of a table, each of which is then read once."""
     cache: dict[str, Any] = {}
@@ -203,9 +208,7 @@ def cache_columns(source: TableSource) -> TableSource:
         columns = {name: cache[name] for name in names}
         for start in range(0, max(1, len(next(iter(columns.values()))[0])), max_rows):
             chunk = slice(start, start + max_rows)
-            yield {
-                name: (values[chunk], None if mask is None else mask[chunk]) for name, (values, mask) in columns.items()
-            }
+            yield take_rows(columns, chunk)
 
     return replace(source, read=read)
 
@@ -377,9 +380,7 @@ def open_whole_table(path: PathName, label: str, kind: str) -> TableSource:
     except (TableError, MemoryError):
         raise
     except ImportError as error:
-        raise TableError(
-            f"{label}: HDF5 needs h5py: pip install 'vsh-astrometry[hdf5]' ({first_line(error)})"
-        ) from error
+        raise TableError(f"{label} needs h5py: pip install 'vsh-astrometry[hdf5]' ({first_line(error)})") from error
     except Exception as error:  # whatever a damaged file makes of h5py and of the readers of text
         raise TableError(f"{label} cannot be read as {kind.removeprefix('ascii.')}: {first_line(error)}") from error
     if not len(table):

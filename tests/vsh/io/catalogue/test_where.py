@@ -129,6 +129,24 @@ def test_magnitude_that_marks_a_missing_one_is_above_no_edge():
     assert len(read_field(made, {"magnitude": None}, where="g > 15")) == N  # another column may have 999 of anything
 
 
+def test_redshift_that_marks_a_missing_one_is_beyond_no_edge():
+    made = TABLE.copy()
+    made["z"] = np.where(GAP, 0.1, Z)
+    made["z"][:7] = 99.0
+    made["z"][7:10] = -9.0
+    for condition, expected in (("z > 0.5", Z > 0.5), ("z < 3", Z < 3)):
+        expected = expected & ~GAP | (GAP & (condition == "z < 3"))
+        expected[:10] = False
+        selected = read_field(made, {"redshift": "z"}, where=condition)
+        assert len(selected) == expected.sum()
+        assert "10 of the others with a value missing" in " ".join(map(str, selected.notes))
+    made["z"] = 3e3 * Z
+    with pytest.raises(EmptySelectionError, match="z beyond -1 … 20 counts as missing"):
+        read_field(made, {"redshift": "z"}, where="z > 1000 and z < 1e6")
+    velocities = read_field(made, {"redshift": "z"}, units={"z": "km/s"}, where="z > 1000")
+    assert len(velocities) == (3e3 * Z > 1000).sum()
+
+
 def test_rest_is_counted():
     field = read_field(TABLE, where="0.5 < z < 2")
     note = next(note for note in field.notes if isinstance(note, UnselectedRows))
