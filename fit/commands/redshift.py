@@ -251,13 +251,15 @@ def _make_redshift_facts_and_counts(sky, source, options):
         counts = {"rows": len(sky) + n_refused + count_unselected(sky.notes), "rows_read": len(sky)}
     if not (sky.has("redshift") if is_parts else sky.redshift is not None):
         raise VshError(
-            f"{source.label} has no column of redshifts: name it, --columns redshift=NAME (of stars and clusters with "
-            "distances or parallaxes, fit.kinematics needs none). "
-            f"The table has {', '.join(source.names)}"
+            f"{source.label} has no column of redshifts, which distances do not replace: name it, --columns "
+            "redshift=NAME (of stars and clusters with distances or parallaxes, fit.kinematics needs none). The table "
+            f"has {', '.join(source.names)}"
         )
     table_frame = next(iter(sky)).redshift_frame if is_parts else sky.redshift_frame
     frame = options.redshift_frame or table_frame or "not known"
-    facts = [("redshifts", frame + ("" if frame in ("true", "not known") else ", taken to the microwave background"))]
+    facts = [
+        ("redshifts", frame + ("" if frame in ("true", "not known", "cmb") else ", taken to the microwave background"))
+    ]
     if table_frame and options.redshift_frame not in (None, table_frame):
         facts.append(("warning", f"the table says that its redshifts are {table_frame}; --redshift-frame prevails"))
     return facts, counts

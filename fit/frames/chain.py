@@ -232,7 +232,8 @@ class FrameNetwork(FrameResult):
         notes = merge_notes(self.notes, () if self.shared is None else self.shared.notes)
         quantity = "position" if self.unit == "µas" else "motion"
         title = f"Differences of {quantity} of {len(self.labels)} catalogues in one solution, {self.frame} axes"
-        remarks.append(f"Errors are from {self.errors_in_words}. Quote these: two catalogues alone know less.")
+        advice = " Quote these: two catalogues alone know less." * (self.shared is not None)
+        remarks.append(f"Errors are from {self.errors_in_words}.{advice}")
         return (Section(title, facts, table, remarks=remarks, notes=notes),)
 
     def _compute_terms(self, catalogue, other):

@@ -79,9 +79,7 @@ def sum_pairs(
     """Sum over all sources, and over each HEALPix block that holds some; the frame, and notes."""
     if isinstance(field, Parts):
         if weights is not None:
-            raise ParameterError(
-                "weights= are of the sources of a Field in memory; those of parts follow from their errors"
-            )
+            raise ParameterError("weights= are those of a Field in memory; those of parts follow from their errors")
         sums = field.sum(partial(_sum_pairs_of_part, lmax=lmax, nside=nside), roles=(), words="pairs")
     else:
         if weights is not None:

@@ -408,9 +408,7 @@ class BinnedSolution(Result):
             If a bin has no distance.
         """
         if not np.isfinite(self.mean_inverse_distance).all():
-            raise ParameterError(
-                "a secular parallax needs a distance in every bin, and some bin has no source with z ≥ 1e-4"
-            )
+            raise ParameterError("a secular parallax needs a distance in every bin: some have no source with z ≥ 1e-4")
         parallax_per_inverse_distance = FIRST_DEGREE @ -velocity.to_frame(self.frame).value / AU_PER_YEAR
         parallaxes = np.outer(self.mean_inverse_distance, parallax_per_inverse_distance)
         test, _, (theta, _, matrix), free_modes = self._test_about_design("S", 1, np.ones((len(self), 1)), parallaxes)

@@ -483,7 +483,7 @@ def _make_reweighted_fit(sky, errors_name, plain, solution, weigher, rounds, cou
     largest_weight, least_weighted = max(summary["most"]), sorted(summary["least"], key=lambda pair: pair[0])[:5]
     note = (
         f"{_LABEL}: converged in {rounds} iterations; effective number of sources {effective:.1f} of "
-        f"{summary['sources']}; errors are {inflation:.3g} times those of {errors_name}; sources with "
+        f"{summary['sources']}; errors are {inflation:.3g} times those that {errors_name} implies; sources with "
         f"the lowest weights: {', '.join(f'{label} ({u / largest_weight:.2g})' for u, label in least_weighted)}"
     )
     warnings = []

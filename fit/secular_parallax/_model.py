@@ -80,9 +80,7 @@ class DistanceModel(InNotebook):
         if flows not in ("linear", None) and not isinstance(flows, LinearTheory):
             raise ParameterError(f'flows are "linear", a vsh.models.flows.LinearTheory or None, not {flows!r}')
         if grid is not None and flows is None:
-            raise ParameterError(
-                "a reconstruction leaves a flow to be fitted, what it lacks: it does not go with flows=None"
-            )
+            raise ParameterError("a reconstruction leaves a flow to be fitted: it does not go with flows=None")
         if grid is not None and not isinstance(grid, VelocityGrid):
             raise ParameterError(f"a reconstruction is a vsh.models.flows.VelocityGrid, not {type(grid).__name__}")
         if not 0 < self.reconstruction_error <= 1:

@@ -32,9 +32,7 @@ class TimeDependent:
     """Base of displacements that change with time: no motions, so that `sim.epochs` alone can show them."""
 
     def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike | None) -> FloatArray:
-        raise ParameterError(
-            "a signal that changes within the mission has no proper motion of its own: sim.epochs shows it"
-        )
+        raise ParameterError("a signal that changes within the mission has no proper motion: sim.epochs shows it")
 
     def displacement(self, lon: FloatArray, lat: FloatArray, time: FloatArray) -> FloatArray:
         """Displacements of sources at `lon`, `lat` [rad], a `time` each [yr since the epoch], (2, k). [µas]"""

@@ -61,12 +61,13 @@ def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answ
     if is_of_scalar_field(solution):
         value, error = solution.mean
         body_rows.append(rf"Mean & {_format_latex_number(format_with_error(value, error, '+'), style)} & & & \\")
-    for name, vector in reversed(vectors_of(solution).items()):
+    answer = answer or answer_of(solution)
+    for name, vector in reversed(vectors_of(solution, answer).items()):
         cells = [_format_latex_number(cell, style) for cell in (*format_components(vector), format_amplitude(vector))]
         body_rows.append(rf"{_LATEX_VECTOR_NAMES.get(name, name.capitalize())} & " + " & ".join(cells) + r" \\")
     if full:
         body_rows += [mid_rule, *_format_latex_power_rows(solution, style)]
-    caption = _format_latex_caption(solution, answer_of(solution) if answer is None else answer)
+    caption = _format_latex_caption(solution, answer)
     label = r"\label{tab:vsh-scalar}" if is_of_scalar_field(solution) else r"\label{tab:vsh}"
     if style == "aastex":
         column_heads = " & ".join(rf"\colhead{{{column}}}" for column in ("", "$x$", "$y$", "$z$", "amplitude"))
@@ -100,7 +101,7 @@ def _format_latex_power_rows(solution, style):
 
 def _format_latex_caption(solution, answer):
     """Caption: what was fitted to what, and the answer where the vectors have one."""
-    names = ["mean"] * is_of_scalar_field(solution) + list(reversed(vectors_of(solution)))
+    names = ["mean"] * is_of_scalar_field(solution) + list(reversed(vectors_of(solution, answer)))
     subject = " and ".join(names).capitalize()
     sentences = [
         f"{subject} of {solution.n_sources} {'sources' if solution.unit else 'values'}, "

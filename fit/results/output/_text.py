@@ -53,11 +53,15 @@ def vector_rows(
     return rows
 
 
-def vectors_of(solution: Any) -> dict[str, Vector]:
-    """Spin and acceleration of a solution by name; rotation and glide of positions, the dipole of a scalar field."""
+def vectors_of(solution: Any, answer: Answer | None = None) -> dict[str, Vector]:
+    """Spin and acceleration of a solution by name; rotation and glide where the answer says so, or of positions.
+
+    Of a scalar field it is the dipole.
+    """
     if is_of_scalar_field(solution):
         return {"dipole": solution.dipole} if solution.modes.lmax > 0 else {}
-    names = ("rotation", "glide") if solution.unit == "µas" else ("spin", "acceleration")
+    is_rotation = solution.unit == "µas" or (answer is not None and "rotation" in dict(answer.lines))
+    names = ("rotation", "glide") if is_rotation else ("spin", "acceleration")
     return dict(zip(names, (solution.spin, solution.acceleration), strict=True))
 
 

@@ -155,7 +155,7 @@ def test_redshifts_missing_and_absent(path, tmp_path, capsys):
     assert main([str(tmp_path / "broken.fits"), "--h0", "67", "--on-bad", "drop"]) == 0
     assert "left out 3 of 2000 sources without a usable redshift" in capsys.readouterr().out
     assert main([str(ROOT / "fit" / "demo.fits"), "--h0", "67"]) == 1
-    assert "has no column of redshifts: name it, --columns redshift=NAME" in capsys.readouterr().err
+    assert "which distances do not replace: name it, --columns redshift=NAME" in capsys.readouterr().err
     table.rename_column("redshift", "zed")
     table.write(tmp_path / "named.fits")
     assert main([str(tmp_path / "named.fits"), "--bins", "2", "--columns", "redshift=zed"]) == 0

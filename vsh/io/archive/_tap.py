@@ -326,9 +326,7 @@ def _download(address, path, deadline, max_bytes, progress):
                         "it again"
                     )
                 if file.tell() > max_bytes:
-                    raise ArchiveError(
-                        f"{address}: the answer is larger than {max_bytes:g} bytes (max_bytes): ask for less"
-                    )
+                    raise ArchiveError(f"{address}: the answer is above {max_bytes:g} bytes (max_bytes): ask for less")
         if n_bytes and file.tell() != n_bytes:
             raise ArchiveError(f"{address}: {file.tell()} of {n_bytes} bytes came; the same call fetches it again")
 

@@ -136,6 +136,8 @@ def _propose_columns(absent_roles, column_of, source):
     """The words that answer a question for columns: those of the likeliest names, and of units that nobody says."""
     guesses = _names.guess_missing_columns(column_of, source.names)
     proposed_names = {role: guesses.get(role, "…") for role in absent_roles}
+    if "pmra" in absent_roles and "…" not in proposed_names.values():
+        proposed_names |= dict(zip(("pmra_pmdec_corr",), find_correlation_columns(source), strict=False))
     all_names = column_of | proposed_names
     unitless = [all_names.get(role, "…") for role in REQUIRED[2:]]
     unitless = [name for name in unitless if name != "…" and find_column_unit(name, {}, source) is None]
@@ -506,6 +508,6 @@ def convert_identifiers(name: str, values: Any, missing: BoolArray | None) -> An
     sorted_names = np.sort(values[values != ""] if values.dtype.kind == "U" else values)
     n_repeats = int(np.sum(sorted_names[1:] == sorted_names[:-1]))
     if n_repeats:
-        text = f"{n_repeats} rows repeat the {name} of another row and are used as separate sources"
+        text = f"{n_repeats} rows repeat the {name} of another row: a fit uses each, matching leaves them out"
         notes.append(CodedNote(f"warning: {text}", DOUBT))
     return values, notes

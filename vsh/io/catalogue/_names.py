@@ -277,7 +277,8 @@ def find_correlation_columns(source: TableSource) -> list[str]:
 
 
 _MOTION, _ERROR = re.compile("pm|mu"), re.compile("err|sig|unc|std|^e_|_e$")
-_LONGITUDE, _LATITUDE = re.compile("(?<![a-z])ra(?![dntw])|alpha|lon"), re.compile("(?<![a-z])de(?![fgnprt])|delta|lat")
+_LONGITUDE = re.compile("(?<![a-z])(ra(?![dntw])|l(?![a-z]))|alpha|lon")
+_LATITUDE = re.compile("(?<![a-z])(de(?![fgnprt])|b(?![a-z]))|delta|lat")
 
 
 def guess_missing_columns(column_of: Mapping[str, str], names: Iterable[str]) -> dict[str, str]:

@@ -630,7 +630,8 @@ def read_scalars(
     error = error or (joined_error if joined_error != main and joined_error in table.names else f"{main}_error")
     for name in (*formula.names, error):
         if name not in table.names:
-            raise TableError(missing_column(name, table))
+            remedy = f"; another has the errors? Say error= (--value {printable(value)},NAME)" if name == error else ""
+            raise TableError(missing_column(name, table) + remedy)
     used = tuple(dict.fromkeys((*formula.names, error)))
     unit_of, notes = {name: str((units or {}).get(name) or table.units.get(name) or "") for name in used}, []
     base = unit_of[used[0]] or ("mas" if used[0] == "parallax" else "")  # in which constants of the formula are, too
