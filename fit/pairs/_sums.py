@@ -67,9 +67,7 @@ class PairSums:
             np.bincount(scalar.degrees, values**2 / scalar.norm2, self.lmax + 1) for values in (self.weights, self.ones)
         )
         if weights[0] - self_sum[1][0] < _LEAST_PAIRED_SHARE * weights[0]:  # what is left of it would be rounding
-            raise FieldError(
-                "one source has all the weight, and no pair of two has any: look at its error, or leave it out"
-            )
+            raise FieldError("one source has all the weight, and no pair has any: look at its error, or leave it out")
         return power_t + power_s - self_sum[0, 1:], power_t - power_s, weights - self_sum[1], numbers - self_sum[2]
 
 

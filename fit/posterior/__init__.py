@@ -5,6 +5,7 @@ from fit.posterior._priors import Priors
 from fit.posterior._sample import GridPosterior, grid, sample
 from fit.posterior._sampling import Density, Flat, Normal
 from fit.posterior._summary import Interval, Samples
+from vsh.tools.modules import hint_missing_names
 
 __all__ = [
     "Density",
@@ -19,3 +20,5 @@ __all__ = [
     "read_samples",
     "sample",
 ]
+
+__getattr__ = hint_missing_names(__name__, __all__)

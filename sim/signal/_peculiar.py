@@ -287,9 +287,7 @@ class TimeFunction(TimeDependent):
         """Displacements of sources at `lon`, `lat` [rad], a `time` each [yr since the epoch], (2, k). [µas]"""
         displacements = np.asarray(self.function(lon, lat, time), float)
         if displacements.shape != (2, len(time)) or not np.isfinite(displacements).all():
-            raise ParameterError(
-                f"displacements are (2, {len(time)}) numbers, east and north, not of {displacements.shape}"
-            )
+            raise ParameterError(f"displacements are (2, {len(time)}) numbers, east, north, not {displacements.shape}")
         return displacements
 
 

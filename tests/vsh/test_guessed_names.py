@@ -86,3 +86,11 @@ def test_result_as_json(field):
     assert document["answer"] == dict(solution.answer.lines)
     assert document["table"]["columns"]["value"]["unit"] is not None
     assert np.array_equal(document["table"]["columns"]["value"]["values"], solution.to_table()["value"])
+
+
+def test_names_of_other_packages_in_our_modules():
+    assert fit.posterior.run_mcmc is fit.posterior.sample
+    with pytest.raises(AttributeError, match="did you mean fit.robust.student_t"):
+        _ = fit.robust.huber
+    with pytest.raises(AttributeError, match="fit.robust has no studentt: did you mean student_t"):
+        _ = fit.robust.studentt

@@ -248,9 +248,7 @@ def velocity_in_frame(value: Any, frame: str) -> Vector:
             raise ParameterError(f"a velocity has three components, not {value!r}")
         value = Vector(components, np.zeros((3, 3)), frame, "km/s")
     if not value.amplitude > 0:
-        raise ParameterError(
-            f"a velocity of {value.amplitude} km/s has no direction: a secular parallax cannot be scaled by it"
-        )
+        raise ParameterError(f"a velocity of {value.amplitude} km/s has no direction: it scales no secular parallax")
     return value.to_frame(frame).to("km/s")
 
 

@@ -242,9 +242,7 @@ def array_with_dimensions(size: int) -> Callable[[str, Any], FloatArray]:
     def check_dimensions(name, value):
         array = float_array(name, value, finite=False)
         if array.ndim != size:
-            raise ParameterError(
-                f"{name} must be an array of {size} dimension{'s' * (size > 1)}, not of shape {array.shape}"
-            )
+            raise ParameterError(f"{name} must have {size} dimension{'s' * (size > 1)}, not shape {array.shape}")
         return array
 
     return check_dimensions

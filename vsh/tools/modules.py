@@ -85,6 +85,15 @@ def lazy_names(
     return _make_hinting_getattr(module, getter, list(names)), lambda: list(names)
 
 
+def hint_missing_names(module: str, names: list[str]) -> Callable[[str], Any]:
+    """A `__getattr__` of a module with these names, whose error names what may be meant."""
+
+    def refuse(name: str) -> None:
+        raise AttributeError(f"module {module!r} has no attribute {name!r}", name=name)
+
+    return _make_hinting_getattr(module, refuse, names)
+
+
 def _make_hinting_getattr(module, getter, names):
     """A `__getattr__` whose error names what may be meant."""
 

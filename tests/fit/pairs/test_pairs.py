@@ -191,7 +191,7 @@ def test_messages():
         pairs.correlation_function(field[:1], EDGES)
     with pytest.raises(ParameterError, match="5 are below zero"):
         pairs.correlation_function(field, EDGES, weights=np.where(np.arange(50) < 5, -1.0, 1.0))
-    with pytest.raises(ParameterError, match="of the sources of a Field in memory"):
+    with pytest.raises(ParameterError, match="those of a Field in memory"):
         pairs.correlation_function(as_parts([field, field]), EDGES, weights=np.ones(100))
     tiny = Field(field.lon, field.lat, field.motion, np.where(np.arange(50) == 7, 1e-7, field.sigma))
     with pytest.raises(FieldError, match="one source has all the weight"):  # its pair with itself leaves only rounding

@@ -49,6 +49,7 @@ from vsh.figures.plot._style import (
     save_figures,
     set_log_ticks,
 )
+from vsh.tools.modules import hint_missing_names
 
 __all__ = [
     "SkyAxes",
@@ -65,3 +66,5 @@ __all__ = [
     "save_figures",
     "sky_axes",
 ]
+
+__getattr__ = hint_missing_names(__name__, __all__)

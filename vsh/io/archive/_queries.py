@@ -241,9 +241,7 @@ def make_upload(source: Any) -> tuple[bytes, bool]:
     if table is None or "source_id" in table.names:
         return _encode_votable({"source_id": np.array(read_ids(source), np.int64)}), True
     if {"ra", "dec"} - set(table.names):
-        raise ArchiveError(
-            f"{table.label} has neither source_id nor ra and dec: the table has {', '.join(table.names[:50])}"
-        )
+        raise ArchiveError(f"{table.label} has neither source_id nor ra and dec: it has {', '.join(table.names[:50])}")
     columns = table.columns([name for name in ("name", "ra", "dec") if name in table.names])
     if any(mask is not None and mask.any() for _, mask in columns.values()):
         raise ArchiveError(f"{table.label}: positions or names are missing")

@@ -150,7 +150,7 @@ def _check_as_fetched(path, record):
             raise ArchiveError(f"{printable(path)} {reason}: choose another name, or delete it")
     if digest(path) != record["sha256"]:
         raise ArchiveError(
-            f"{printable(path)} is not as it was fetched: somebody changed it. Take another name, or delete it"
+            f"{printable(path)} is not as it was fetched: somebody changed it. Name another, or delete it"
         )
 
 
@@ -313,9 +313,7 @@ def _download(address, path, deadline, max_bytes, progress):
                 try:
                     block = answer.read1(_BLOCK_BYTES)
                 except (OSError, http.client.HTTPException) as error:
-                    raise ArchiveError(
-                        f"{address}: the connection was cut ({error}); the same call fetches it again"
-                    ) from error
+                    raise ArchiveError(f"{address}: the connection was cut ({error}); call it again") from error
                 if not block:
                     break
                 file.write(block)  # what the disk says of it is its own, not the network's
