@@ -11,6 +11,8 @@ from study.referee._referee import Referee
 from study.referee._rows import HINT, Analysis, Check, Value
 from vsh.figures import page
 from vsh.figures.plot import COLOURS, WIDTH, allow_many_figures, apply_style, legend_above, panels, plot_field
+from vsh.io.quantities import symbol
+from vsh.sky.frames import FRAMES, title_of
 from vsh.tools.digits import format_p_value
 from vsh.tools.types import Axes
 
@@ -48,7 +50,7 @@ def plot_accelerations(sections: Sequence[Analysis], *, ax: Axes | None = None) 
         )
         axes.errorbar(
             values, y + 0.18 * (1 - k), xerr=np.nan_to_num(errors), fmt="os^"[k], color=colour, markersize=3,
-            label=f"$g_{axis}$",
+            label=symbol(f"g_{axis}"),
         )  # fmt: skip
     axes.set_yticks(y, [label for label, _ in lines])
     axes.axvline(0, color="0.7", linewidth=0.6, zorder=0)
@@ -67,14 +69,13 @@ def plot_checks(checks: Sequence[Check], *, ax: Axes | None = None) -> Axes:
         [check.p_value for check in tests], y, "o", color=COLOURS[0], markersize=4, label="with systematic errors"
     )
     axes.semilogx([check.at_face_value for check in tests], y, "x", color="0.5", markersize=4, label="formal errors")
-    axes.axvline(SEEN, color="0.5", linestyle="--", linewidth=0.7)
-    axes.axvline(HINT, color="0.7", linestyle=":", linewidth=0.7)
-    for level in (SEEN, HINT):
+    for level, linestyle in ((SEEN, "--"), (HINT, ":")):
+        axes.axvline(level, color="0.6", linestyle=linestyle, linewidth=0.7)
         position = {"xy": (level, 0), "xycoords": axes.get_xaxis_transform(), "xytext": (2, 3)}
         axes.annotate(f"{level:g}", textcoords="offset points", fontsize="x-small", color="0.4", **position)
     positive_p_values = [value for check in tests for value in (check.p_value, check.at_face_value) if value > 0]
     axes.set_xlim(max(min([1e-3, *(value / 3 for value in positive_p_values)]), 1e-12), 1.5)
-    axes.set_yticks(y, [check.key for check in tests])
+    axes.set_yticks(y, [f"{title_of(check.key)} halves" if check.key in FRAMES else check.key for check in tests])
     axes.set_xlabel("p-value")
     legend_above(axes, 2)
     return axes
@@ -102,7 +103,7 @@ def make_html_page(
         page.provenance_panel(dict(provenance), command),
     ]
     catalogue_name = Path(quasars.label).name  # a page goes where its folders do not
-    lead = f"{catalogue_name} — {len(quasars.whole)} sources, {solution.frame.replace('icrs', 'ICRS')} axes"
+    lead = f"{catalogue_name} — {len(quasars.whole)} sources, {title_of(solution.frame)} axes"
     return page.page("What the motions of these quasars say", page_panels, lead=lead)
 
 

@@ -12,7 +12,7 @@ __all__ = ["latex_table", "symbol"]
 #: Vectors, by what stands before their axis in the names of parameters and columns.
 _VECTOR_SYMBOLS = {
     "epsilon": r"\epsilon", "orientation": r"\epsilon", "omega": r"\omega", "spin": r"\omega", "ω": r"\omega",
-    "a": r"\tilde a", "acceleration": r"\tilde a", "g": "g", "v": "v", "velocity": "v",
+    "a": r"\tilde a", "acceleration": r"\tilde a", "g": r"\tilde a", "v": "v", "velocity": "v",
 }  # fmt: skip
 _SYMBOLS = {
     "H0": "$H_0$", "hubble": "$H_0$", "hubble_flows": "$H_0$, flows fitted", "speed": "$|v|$", "r0": "$R_0$",

@@ -221,9 +221,7 @@ class SingleUseStream:
 
     def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
         if self.stream is None:
-            raise TableError(
-                "it can be read only once, and this needs several passes: give a table, files, or a list of them"
-            )
+            raise TableError("it can be read only once, and this needs several passes: give a table or files")
         stream, self.stream = self.stream, None
         return stream.__arrow_c_stream__(requested_schema)
 
