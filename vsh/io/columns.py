@@ -74,37 +74,34 @@ def unit_factor(name: str, unit: Any, wanted: str) -> float:
     return 1.0 if unit is None or not str(unit).strip() else find_factor_to(name, unit, u.Unit(wanted), False)
 
 
-def find_factor_to(name: str, unit: Any, target: Any, from_user: bool) -> float:
-    """Factor from the unit of a column to another unit; TableError with a remedy where there is none."""
+def find_factor_to(name: str, unit: Any, target: Any, from_user: bool, alike: Any = ()) -> float:
+    """Factor from the unit of a column to another; TableError with a remedy, for all columns `alike`, where none is."""
+    place, remedy = f"column {name!r} is in {printable(unit)!r}", _ask_unit(alike or [name], target)
     try:
         astropy_unit = parse_unit(unit)
     except (ValueError, TypeError):
         origin = "units" if from_user else "the table"
         raise TableError(
-            f"{origin}: {printable(unit)!r}, given for {name}, is no unit that astropy knows: {_ask_unit(name, target)}"
+            f"{origin}: {printable(unit)!r}, given for {name}, is no unit that astropy knows: {remedy}"
         ) from None
     if not isinstance(astropy_unit, u.UnitBase):
-        raise TableError(
-            f"column {name!r} is in {printable(unit)!r}, a logarithm: turn it into a linear unit, {target} say"
-        )
+        raise TableError(f"{place}, a logarithm: turn it into a linear unit, {target} say")
     try:
         factor = float(astropy_unit.to(target))
     except (u.UnitConversionError, ValueError, TypeError, AttributeError):
         if astropy_unit.is_equivalent(u.Unit(target) ** 2):
-            raise TableError(f"column {name!r} is in {printable(unit)!r}, a variance: give its root") from None
-        raise TableError(
-            f"column {name!r} is in {printable(unit)!r}, which cannot be turned into {target}: if the table is wrong, "
-            f"{_ask_unit(name, target)}"
-        ) from None
+            raise TableError(f"{place}, a variance: give its root") from None
+        raise TableError(f"{place}, which cannot be turned into {target}: if the table is wrong, {remedy}") from None
     if not 0 < factor < np.inf:
-        raise TableError(f"column {name!r} is in {printable(unit)!r}, a negative unit: correct it, --units")
+        raise TableError(f"{place}, a negative unit: correct it, --units")
     return factor
 
 
-def _ask_unit(name, target):
+def _ask_unit(names, target):
     """The option that says a unit. None is proposed: only the user knows in which unit the numbers are."""
+    python_text, shell_text = (", ".join(f"{name!r}: …" for name in names), ",".join(f"{name}=…" for name in names))
     kinds = {u.deg: "deg, hourangle or rad", u.mas / u.yr: "uas/yr, mas/yr or arcsec/yr", u.Mpc: "kpc or Mpc"}
     return (
-        f"say the unit of its numbers, units={{{name!r}: …}} (--units {shlex.quote(f'{name}=…')}): "
+        f"say the unit of its numbers, units={{{python_text}}} (--units {shlex.quote(shell_text)}): "
         f"{kinds.get(target, f'{target} say')}"
     )

@@ -39,7 +39,7 @@ def test_one_symbol_in_figures_and_latex(name):
 def test_symbols():
     assert symbol("omega_x") == symbol("spin_x") == r"$\omega_x$"
     assert symbol("jump omega_z at 13") == r"jump of $\omega_z$ at 13"
-    assert symbol("|g|") == "$|g|$"
+    assert symbol("|g|") == symbol("|a|") == r"$|\tilde a|$"
     assert symbol("t(2,1,re)") == r"$t_{21}^{\rm R}$"
     for plain in ("star_x", "omega", "a_x b", "|g_x|", "omega_w"):
         assert symbol(plain) == plain

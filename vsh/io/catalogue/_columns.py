@@ -330,7 +330,9 @@ def find_conversion_factors(
         if role == "ra" and str(unit).strip().lower() in ("h", "hr", "hour", "hours"):
             unit = "hourangle"
         if unit is not None:
-            role_factors[role] = _find_role_factor(role, name, unit, target_unit, name in units)
+            columns = [column_of[other] for other in REQUIRED[2:] if other in column_of and role in REQUIRED[2:]]
+            alike = [column for column in columns if find_column_unit(column, units, source) == unit]
+            role_factors[role] = _find_role_factor(role, name, unit, target_unit, name in units, alike)
         elif role in _UNIT_OF and (unit := find_column_unit(column_of[_UNIT_OF[role]], units, source)) is not None:
             # An error is in the unit of what it is the error of, unless the table states another.
             motion_name = column_of[_UNIT_OF[role]]
@@ -386,14 +388,14 @@ def describe_mixed_units(column_of: Mapping[str, str], factors: Mapping[str, Any
     return [CodedNote(f"proper motions and errors are in different units: is that so? ({listing})", ASSUMED_UNITS)]
 
 
-def _find_role_factor(role, name, unit, target, from_user):
+def _find_role_factor(role, name, unit, target, from_user, alike):
     """The factor of a column that may be a pure number, a magnitude or a distance."""
     try:
         astropy_unit = parse_unit(unit)
     except (ValueError, TypeError):
         if target == u.dimensionless_unscaled and str(unit).strip().lower() in _WORDS_FOR_NO_UNIT:
             return 1.0
-        return find_factor_to(name, unit, target, from_user)  # which says what is wrong
+        return find_factor_to(name, unit, target, from_user, alike)  # which says what is wrong
     if role == "magnitude":  # of any zero point: magnitudes are separated by their differences alone
         if astropy_unit == u.dimensionless_unscaled or astropy_unit == u.mag or isinstance(astropy_unit, u.MagUnit):
             return 1.0
@@ -419,7 +421,7 @@ def _find_role_factor(role, name, unit, target, from_user):
                 f"column {name!r} is in {printable(unit)!r}, which cannot be turned into Mpc: if it is a parallax, say "
                 f"so, --columns {shlex.quote(f'parallax={name}')},parallax_error=NAME"
             )
-    return find_factor_to(name, unit, target, from_user)
+    return find_factor_to(name, unit, target, from_user, alike)
 
 
 #: Words that tables have where there is no unit.

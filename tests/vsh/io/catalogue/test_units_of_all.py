@@ -98,6 +98,17 @@ def test_every_role_with_every_kind_of_unit(role):
                 value(unit)
 
 
+def test_one_question_for_all_motions_with_a_wrong_unit():
+    """Where a table says mas for mas/yr, one answer is for the four columns."""
+    made, names = table_of_gaia(30), NAMES[2:6]
+    for name in names:
+        made[name].unit = "mas"
+    with pytest.raises(TableError) as caught:
+        read_field(made)
+    assert f"--units '{','.join(f'{name}=…' for name in names)}'" in str(caught.value)
+    assert len(read_field(made, units=dict.fromkeys(names, "mas/yr"))) == 30
+
+
 def test_nonlinear_units_are_requested():
     made = Table(PLAIN | {"cz": np.full(N, 2997.92458), "mu": np.full(N, 30.0), "e_mu": np.full(N, 0.1)})
     made["cz"].unit, made["mu"].unit, made["e_mu"].unit = "km/s", "mag", "mag"
