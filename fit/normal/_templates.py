@@ -228,9 +228,7 @@ class Template(Frozen):
         normal = Moments.of(field.to_frame(frame), lmax).normal_equations()
         scales = np.sqrt(np.diag(normal.matrix))
         if not (scales > 0).all() or np.linalg.cond(normal.matrix / np.outer(scales, scales)) > 1e6:
-            raise ParameterError(
-                f"the template {self.name} is known on too little of the sky to be expanded to degree {lmax}"
-            )
+            raise ParameterError(f"the template {self.name} is known on too little of the sky for degree {lmax}")
         return np.linalg.solve(normal.matrix, normal.rhs)[1:]
 
     def _standardise_and_find_scatter(self):

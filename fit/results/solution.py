@@ -676,6 +676,10 @@ class AboutSolution(Result):
         """The result to quote as text, a line each for acceleration, spin, Gaia EDR3 and the errors."""
         return self.quoted.verdict
 
+    def __getitem__(self, name: str) -> Any:
+        """A vector or parameter of the solution with the errors of this result, as `Solution` has them."""
+        return self.quoted[name]
+
     def __getattr__(self, name: str) -> Any:
         """Whatever else a solution answers for: with the errors of this result."""
         if "solution" in vars(self):

@@ -31,6 +31,8 @@ def test_parts_of_a_solution(field):
     assert fit.solve_frame(field)["omega_x"][0] == fit.solve_frame(field).spin.value[0]
     with pytest.raises(ParameterError, match="is it acceleration"):
         solution["aceleration"]
+    recommended = fit.recommended(field)
+    assert recommended["acceleration"] == recommended.acceleration
 
 
 def test_signals_are_multiplied():
