@@ -11,7 +11,7 @@ import vsh
 from vsh.commands import finishing, parsing, reading, running
 from vsh.io.quantities import latex_table, make_label
 from vsh.io.sections import Answer, Section
-from vsh.tools.errors import TableError, VshError
+from vsh.tools.errors import TableError
 from vsh.tools.notes import merge_notes
 
 
@@ -313,18 +313,17 @@ def _read_catalogue(path, quantity, options, condition):
     if quantity == "motions":
         arguments = reading.field_arguments(options) | {"where": condition, "sigma": options.sigma}
         return vsh.io.catalogue.read_field(path, roles=("name",), **arguments).to_frame(options.frame)
-    if options.frame != (options.catalogue_frame or "icrs"):
-        raise VshError(f"positions are compared in the axes they are given in: leave out --frame {options.frame}")
-    return vsh.io.catalogue.read_positions(
+    positions = vsh.io.catalogue.read_positions(
         path,
         options.columns,
         units=options.units,
         sigma=options.sigma,
         on_bad=options.on_bad,
-        frame=options.catalogue_frame or "icrs",
+        frame=options.catalogue_frame,
         where=condition,
         format=options.input_format,
     )
+    return positions.to_frame(options.frame)
 
 
 def _make_catalogue_labels(paths):

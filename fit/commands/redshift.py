@@ -16,7 +16,7 @@ from vsh.commands import finishing, parsing, reading, running
 from vsh.io.sections import Answer, Section
 from vsh.tools.digits import format_p_value, format_three_digits, format_with_error
 from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError, VshError
-from vsh.tools.notes import DOUBT, count_dropped, count_unselected, has_code
+from vsh.tools.notes import count_dropped, count_unselected, doubts_of, has_code
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -495,7 +495,7 @@ _PUBLISHED_HUBBLE_RANGE = 67.0, 73.0
 def _format_answer_lines(results):
     """The lines to quote: what is doubtful, H0, our velocity, whether the dipole changes, and what errors leave out."""
     notes = dict.fromkeys(note for result in results.values() for note in getattr(result, "notes", ()))
-    lines = [("doubt", str(note).removeprefix("warning: ")) for note in notes if has_code(note, DOUBT)]
+    lines = doubts_of(notes)
     estimates = {name: results[name] for name in ("velocity", "hubble") if name in results}
     factor = max([1.0, *(estimate.quality.factor for estimate in estimates.values())])
     results = results | {

@@ -259,6 +259,11 @@ class FrameComparison(FrameResult, AboutSolution):
         return Answer((*lines, ("errors", f"from {self.best.errors_from}")))
 
     @property
+    def notes(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What the reader should know."""
+        return self.solution.notes
+
+    @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """The first catalogue, less the second."""
         return (self.labels,)

@@ -3,6 +3,7 @@
 from fit.results.output import words_of
 from fit.results.storage import Result
 from vsh.io.sections import Answer
+from vsh.tools.notes import doubts_of
 from vsh.vector import Vector
 
 __all__ = ["FrameResult"]
@@ -28,6 +29,8 @@ class FrameResult(Result):
     [0.0, 0.0, 5.0]
     """
 
+    notes: tuple[str, ...]
+
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """The catalogues that are compared: each with the one that is subtracted."""
@@ -47,7 +50,8 @@ class FrameResult(Result):
     def answer(self) -> Answer:
         """The result to quote: the vectors of each pair."""
         has_several = len(self.pairs) > 1
-        lines = [
+        lines = doubts_of(self.notes)
+        lines += [
             (f"{catalogue} − {reference}: {name}" if has_several else name, words_of(vector))
             for catalogue, reference in self.pairs
             for name, vector in self.vectors(catalogue, reference).items()

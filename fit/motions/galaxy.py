@@ -12,7 +12,7 @@ import numpy as np
 from fit.results.storage import Result
 from vsh.io import tables
 from vsh.io.sections import Section
-from vsh.tools.arguments import not_negative, number, positive
+from vsh.tools.arguments import float_array, not_negative, number, positive
 from vsh.tools.digits import format_p_value, format_with_error
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, FloatArray, Table
@@ -221,16 +221,8 @@ class GalacticOrbit(Result):
         """
         if not callable(acceleration):
             raise ParameterError(f"acceleration is a function of a position, not {type(acceleration).__name__}")
-        components = acceleration(np.array([-self.r0, 0.0, number("height", height)]))
-        if hasattr(components, "to_value"):
-            try:
-                components = components.to_value("km / (s Myr)")
-            except (ValueError, TypeError) as error:  # astropy's UnitConversionError is one
-                raise ParameterError(f"the function gives no acceleration: {error}") from None
-        components = np.asarray(components, float).ravel()
-        if components.shape != (3,) or not np.isfinite(components).all():
-            raise ParameterError(f"acceleration must give three finite components, not {components}")
-        prediction = components * KM_S_MYR
+        components = np.ravel(acceleration(np.array([-self.r0, 0.0, number("height", height)])))
+        prediction = float_array("acceleration", components, (3,), unit="km / (s Myr)") * KM_S_MYR
         residual = replace(self.acceleration, value=self.acceleration.value - prediction)
         return Vector(prediction, np.zeros((3, 3)), "galactic"), residual.p_value
 

@@ -49,7 +49,8 @@ def add_coverage_notes(solution: Any, field: Any) -> Any:
 
 def _iterate_coverage_notes(sums: _CoverageSums, frame: str) -> Iterable[str]:
     if (share := sums.largest_weight / sums.weight) > _LARGEST_SHARE:
-        yield f"warning: {sums.label} has {100 * share:.4g} % of the weight of all sources: is its error right?"
+        text = f"warning: {sums.label} has {100 * share:.4g} % of the weight of all sources: is its error right?"
+        yield CodedNote(text, DOUBT)
     if n_repeats := len(sums.name_hashes) - len(np.unique(sums.name_hashes)):
         about = "" if sums.step == 1 else "about "
         rows = f"{about}{n_repeats * sums.step} rows repeat the name of a row in another part or block and are used as"

@@ -215,6 +215,23 @@ class Positions(Frozen):
             arrays["covariance"] = matrix[np.ix_(rows, rows)]
         return replace(self, **arrays)
 
+    def to_frame(self, name: str) -> Positions:
+        """Turn positions, motions and errors to the frame `name` (icrs, galactic, ecliptic).
+
+        Raises
+        ------
+        FrameError
+            If the sources share errors, which are not turned.
+        """
+        if check_frame(name) == self.frame:
+            return self
+        if self.covariance is not None:
+            raise FrameError(f"errors that sources share are not turned: compare these in {self.frame} axes")
+        motion = self.sigma if self.motion is None else self.motion
+        turned = rotate_astrometry(rotation_matrix(self.frame, name), self.lon, self.lat, motion, self.sigma, self.rho)
+        columns: dict[str, Any] = dict(zip(("lon", "lat", "motion", "sigma", "rho"), turned, strict=True))
+        return replace(self, **columns | ({"motion": None} if self.motion is None else {}), frame=name)
+
     def at_epoch(self, epoch: float | None) -> Positions:
         """Move the sources to `epoch` [Julian year] along straight lines; without motions they stay.
 

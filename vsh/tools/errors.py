@@ -88,57 +88,30 @@ def first_line(error: object) -> str:
 #: What people who know other packages ask a result, a field or a vector for, and what it is here: a name answers, other
 #: words are a hint.
 ATTRIBUTES = {
-    "cl": "power",
-    "coef_": "values",
-    "coords": "to_skycoord()",
-    "cov": "covariance",
-    "describe": "to_table().info()",
-    "error": "sigma",
-    "evaluate": "predict",
-    "fit": "fit.recommended(field)",
-    "galactic": 'to_frame("galactic")',
-    "get_power": "power",
-    "icrs": 'to_frame("icrs")',
-    "log_likelihood": "chi2, −2 ln L up to a constant",
-    "mag": "magnitude",
-    "mask": "field[mask], which selects",
-    "params": "values",
-    "plot_spectrum": "plot",
-    "save": "write",
-    "skycoord": "to_skycoord()",
-    "sort": "to_table(), whose rows can be sorted",
-    "std": "sigma",
-    "to_arviz": "sample(n), whose draws ArviZ takes",
-    "to_latex": "latex",
-}
+    "cl": "power", "coef_": "values", "coords": "to_skycoord()", "cov": "covariance", "describe": "to_table().info()",
+    "error": "sigma", "evaluate": "predict", "fit": "fit.recommended(field)", "galactic": 'to_frame("galactic")',
+    "get_power": "power", "icrs": 'to_frame("icrs")', "log_likelihood": "chi2, −2 ln L up to a constant",
+    "mag": "magnitude", "mask": "field[mask], which selects", "params": "values", "plot_spectrum": "plot",
+    "save": "write", "skycoord": "to_skycoord()", "sort": "to_table(), whose rows can be sorted", "std": "sigma",
+    "to_arviz": "sample(n), whose draws ArviZ takes", "to_latex": "latex",
+}  # fmt: skip
 #: The same of modules.
 NAMES = {
     "Table": "astropy.table.Table; vsh.read_field reads a catalogue",
-    "T": "vsh.basis.harmonics, or Coefficients(…).at(lon, lat)",
-    "archive": "vsh.io.archive",
-    "catalogue": "vsh.io.catalogue",
-    "cosmology": "vsh.models.cosmology",
-    "evaluate": "Coefficients(…).at(lon, lat)",
-    "fit": "fit.recommended(field), after `import fit`",
-    "harmonics": "vsh.basis.harmonics",
-    "healpix": "vsh.sky.pixels",
-    "huber": "fit.robust.student_t, which leaves less to a choice",
-    "plot": "vsh.figures.plot",
-    "plot_sky": "vsh.figures.plot.plot_field",
-    "read": "vsh.read_field",
-    "read_table": "vsh.read_field",
-    "run_mcmc": "fit.posterior.sample",
-    "simulate": "sim.observe(sim.quasars(n), signal)",
-    "sky": "vsh.figures.plot.plot_field",
+    "T": "vsh.basis.harmonics, or Coefficients(…).at(lon, lat)", "archive": "vsh.io.archive",
+    "catalogue": "vsh.io.catalogue", "cosmology": "vsh.models.cosmology", "evaluate": "Coefficients(…).at(lon, lat)",
+    "fit": "fit.recommended(field), after `import fit`", "harmonics": "vsh.basis.harmonics",
+    "healpix": "vsh.sky.pixels", "huber": "fit.robust.student_t, which leaves less to a choice",
+    "plot": "vsh.figures.plot", "plot_sky": "vsh.figures.plot.plot_field", "read": "vsh.read_field",
+    "read_table": "vsh.read_field", "run_mcmc": "fit.posterior.sample",
+    "simulate": "sim.observe(sim.quasars(n), signal)", "sky": "vsh.figures.plot.plot_field",
     "vsh": "vsh.basis.harmonics(lon, lat, modes)",
-}
+}  # fmt: skip
 #: The same of arguments.
 ARGUMENTS = {
-    "n": "n_replicates",
-    "random_state": "rng",
-    "robust": "the function fit.robust.student_t, or fit.estimate(field, lmax, method)",
-    "seed": "rng",
-}
+    "n": "n_replicates", "random_state": "rng",
+    "robust": "the function fit.robust.student_t, or fit.estimate(field, lmax, method)", "seed": "rng",
+}  # fmt: skip
 
 
 class MissingAttribute(AttributeError):

@@ -90,6 +90,11 @@ def codes_of(notes: Iterable[str]) -> tuple[str, ...]:
     return tuple(getattr(note, "code", "") for note in notes)
 
 
+def doubts_of(notes: Iterable[str]) -> list[tuple[str, str]]:
+    """The notes of doubt as lines to quote, which are never sharper than they."""
+    return [("doubt", str(note).removeprefix("warning: ")) for note in dict.fromkeys(notes) if has_code(note, DOUBT)]
+
+
 def add_codes(notes: Iterable[str], codes: Iterable[str]) -> tuple[str, ...]:
     """Notes with their codes, as `codes_of` gave them."""
     pairs = zip(notes, codes, strict=True)

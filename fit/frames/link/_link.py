@@ -18,6 +18,7 @@ from vsh.sky.astrometry import AstrometryRows
 from vsh.tools import arguments
 from vsh.tools.digits import format_p_value
 from vsh.tools.errors import DegeneracyError, ParameterError
+from vsh.tools.notes import DOUBT, CodedNote
 from vsh.tools.printing import log_calls
 from vsh.tools.types import Axes, FloatArray, Table
 from vsh.vector import GAIA_EDR3, Vector
@@ -56,7 +57,8 @@ def link(
     astrometry : AstrometryRows
         Rows of all catalogues. The true parameters of a source are eliminated; they need not be known.
     reference : str, optional
-        The catalogue that is not turned. Default: the only one whose name begins with vlbi or icrf.
+        The catalogue that is not turned. Default: the only one whose name begins with vlbi or icrf, or whose rows name
+        calibrators.
     unknowns : sequence of str
         Some of "orientation", "spin", "acceleration", and "parallax" for the zero point and the scale of the parallaxes
         of each catalogue relative to the reference.
@@ -77,8 +79,8 @@ def link(
         for all sources. Source structure and calibrator errors are absorbed as well. Default: yes, if the fit is robust
         and the reference has positions.
     fixed : dict, optional
-        Catalogues whose stars are measured against calibrators with fixed positions, and the epoch of these; the
-        reference, at 2015.0, unless given.
+        Catalogues whose stars are measured against calibrators with fixed positions, and the epoch of these. Unless
+        given those whose name begins with vlbi or icrf or whose rows name calibrators, else the reference, at 2015.0.
     aberration : Vector, optional
         Acceleration of the Solar System, used to correct the apparent drift of calibrators and the proper motions of
         quasars; None: no correction.
@@ -111,7 +113,8 @@ def link(
         tuple(name for name in astrometry.catalogues if name != reference_name),
         tuple(map(float, steps)), order, float(epoch), "parallax" in unknowns,
     )  # fmt: skip
-    fixed = {reference_name: ICRF3_EPOCH} if fixed is None else dict(fixed)
+    if are_guessed := fixed is None:
+        fixed = dict.fromkeys(_find_radio_names(astrometry) or [reference_name], ICRF3_EPOCH)
     unknown_names = [catalogue for catalogue in fixed if catalogue not in astrometry.catalogues]
     if unknown_names:
         raise ParameterError(
@@ -138,6 +141,11 @@ def link(
     best_node = max(nodes, key=lambda node: node.log_evidence)
     notes = (*astrometry.notes, *notes)
     if aberration is not None and "acceleration" not in unknowns:
+        if are_guessed and not _find_radio_names(astrometry):
+            text = (
+                f"calibrators of {reference_name} are taken as fixed: if not, say whose are (fixed=, --fixed NAME=2015)"
+            )
+            notes = (*notes, CodedNote(f"warning: {text}", DOUBT))
         exception = f" of all catalogues but {', '.join(fixed)}, whose calibrators are fixed" if fixed else ""
         correction = f"an acceleration of {aberration.amplitude:.3g} µas/yr is taken from motions and positions"
         notes = (*notes, f"{correction}{exception} (--unknowns orientation,spin,acceleration fits it)")
@@ -198,9 +206,15 @@ def _check_separable(rows, prior, names, equations):
         )
 
 
+def _find_radio_names(astrometry):
+    """The catalogues that are of radio positions by their names, or by calibrators that their rows name."""
+    with_calibrators = set(astrometry.catalogue[astrometry.calibrator != ""])
+    by_name = [name for name in astrometry.catalogues if name.lower().startswith(("vlbi", "icrf"))]
+    return by_name or [name for name in astrometry.catalogues if name in with_calibrators]
+
+
 def _choose_reference_name(astrometry, reference):
-    names = astrometry.catalogues
-    candidates = [catalogue for catalogue in names if catalogue.lower().startswith(("vlbi", "icrf"))]
+    names, candidates = astrometry.catalogues, _find_radio_names(astrometry)
     name = reference or (candidates[0] if len(candidates) == 1 else None)
     if name not in names:
         reason = f"no catalogue is called {name}" if name else "which of the catalogues is the reference"

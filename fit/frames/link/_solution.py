@@ -23,6 +23,7 @@ from vsh.sky.frames import rotation_matrix
 from vsh.tools import arguments
 from vsh.tools.digits import format_p_value, format_values, format_with_error
 from vsh.tools.errors import FieldError, ParameterError
+from vsh.tools.notes import doubts_of
 from vsh.tools.printing import one_line_text
 from vsh.tools.types import Axes, AxesArray, FloatArray, IntArray, OnAxes, Table
 from vsh.vector import Vector
@@ -307,7 +308,8 @@ class FrameTie(FrameResult, NamedSolution):
         steps, powers = self.unknowns.steps, self.unknowns.order
         at = f", brighter than {min(steps):.4g} mag" if steps else ", at G = 13" if powers else ""
         several = len(self.unknowns.turned) > 1
-        lines = [
+        lines = doubts_of(self.notes)
+        lines += [
             (f"{name}, {catalogue}" if several else name, f"{self._format_vector(name, catalogue)} ({catalogue}{at})")
             for catalogue in self.unknowns.turned
             for name in ("orientation", "spin")

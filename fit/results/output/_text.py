@@ -29,7 +29,7 @@ from vsh.io.sections import Answer, Section
 from vsh.length import FEWEST_DOF
 from vsh.sky.frames import ANGLES
 from vsh.tools.digits import decimals_of_error, format_p_value, format_three_digits, format_values, format_with_error
-from vsh.tools.notes import ASSUMED_UNITS, codes_of, has_code
+from vsh.tools.notes import ASSUMED_UNITS, codes_of, doubts_of, has_code
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, Table
 from vsh.vector import GAIA_EDR3, Vector
@@ -254,6 +254,7 @@ def answer_of(solution: Any) -> Answer:
         ]
     if unit_notes := [str(note) for note in solution.notes if has_code(note, ASSUMED_UNITS)]:
         lines.append(("units", f"{'; '.join(unit_notes)}; {solution.frame} axes"))
+    lines = [*doubts_of(solution.notes), *lines]
     return Answer((*lines, errors_line) if solution.is_recommended else (errors_line, *lines))
 
 

@@ -91,8 +91,8 @@ def test_potential():
     assert found.compare_with(lambda x: plain(x) * 0.5)[1] < 1e-8
     for bad, said in (
         (3.0, "function of a position"),
-        (lambda x: [1.0], "three finite"),
-        (lambda x: x * u.kg, "no acceleration"),
+        (lambda x: [1.0], "acceleration has shape"),
+        (lambda x: x * u.kg, "acceleration is in kg"),
     ):
         with pytest.raises(ParameterError, match=said):
             found.compare_with(bad)

@@ -108,4 +108,5 @@ def test_one_source_with_most_of_the_weight_is_named():
     sigma[:, 7] = 1e-3
     notes = [str(note) for note in fit.fit_field(field.with_errors(sigma), 1).notes]
     assert any("source 7 has 100 % of the weight of all sources" in note for note in notes)
+    assert "source 7 has 100 % of the weight" in dict(fit.fit_field(field.with_errors(sigma), 1).answer.lines)["doubt"]
     assert not any("of the weight" in str(note) for note in fit.fit_field(field, 1).notes)

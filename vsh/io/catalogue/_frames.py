@@ -93,7 +93,7 @@ def find_frames(column_of: Mapping[str, str], frame: str | None, source: TableSo
         return TableFrames("icrs", ra_frame, (*notes, note))
     if known_frame is not None:
         return TableFrames(known_frame, known_frame, notes)
-    if ra_frame and motion_frame == ra_frame:
+    if ra_frame and (motion_frame == ra_frame or "pmra" not in column_of):
         return TableFrames(ra_frame, ra_frame, (f"{ra_frame} axes, by the names of the columns",))
     if ra_frame:
         role = next(role for role in _POSITIONS if _find_position_frame(column_of.get(role)))

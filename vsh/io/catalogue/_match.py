@@ -11,6 +11,7 @@ import numpy as np
 from vsh.field import MEASURED, Field
 from vsh.io import tables
 from vsh.io.catalogue._columns import RowSelection, check_position_unit, find_column_unit, parse_sexagesimal
+from vsh.io.catalogue._frames import find_frames
 from vsh.io.catalogue._names import ColumnRequest
 from vsh.io.columns import missing_column, unit_factor
 from vsh.sky.frames import AXES, Positions
@@ -113,6 +114,8 @@ def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", ra
     return MatchResult(i, j, ambiguous)
 
 
+#: Epochs that are further apart are said. [yr]
+_SAME_EPOCH = 3.0
 #: A larger part of the pairs that is far apart is no slip of a few names.
 _FAR_APART = 0.02
 
@@ -172,6 +175,9 @@ def match(
         f"matched {len(i)} sources by {by}; unmatched: {unmatched_counts} (first and second catalogue), {ambiguous} of "
         "them with several counterparts"
     ]
+    if are_positions and None not in (a.epoch, b.epoch) and abs(a.epoch - b.epoch) > _SAME_EPOCH:
+        text = f"the positions are of {a.epoch:g} and of {b.epoch:g}, and no motions take them to one epoch"
+        notes.append(CodedNote(f"warning: {text}: what moves is in the differences", DOUBT))
     if by == "name":
         separation = np.hypot(*difference) if are_positions else _compute_excess_separations(a, b, i, j)
         n_distant = int((separation > 1e6).sum())
@@ -310,7 +316,7 @@ def read_positions(
     units: Mapping[str, str] | None = None,
     sigma: float | None = None,
     on_bad: OnBad = "raise",
-    frame: str = "icrs",
+    frame: str | None = None,
     designation: str = "iers",
     where: str | None = None,
     format: str | None = None,
@@ -349,8 +355,11 @@ def read_positions(
             remark = "; or one error for all: sigma=200 (--columns sigma=200) [µas]" if role.endswith("error") else ""
             raise TableError(missing_column(column_of[role], table_source) + remark)
     column_of = {role: name for role, name in column_of.items() if name in table_source.names}
+    frames = find_frames(column_of, frame, table_source)
     selection = None if where is None else RowSelection(where, table_source)
-    table = table_source.columns(tuple(dict.fromkeys([*column_of.values(), *(selection.names if selection else ())])))
+    epochs = tuple(name for name in ("ref_epoch",) if name in table_source.names)
+    used = (*column_of.values(), *(selection.names if selection else ()), *epochs)
+    table = table_source.columns(tuple(dict.fromkeys(used)))
     row_numbers: Any = 0
     selection_notes: list[str] = []
     if selection:
@@ -385,7 +394,7 @@ def read_positions(
     lon, lat = numbers["ra"][usable] * DEGREE, numbers["dec"][usable] * DEGREE
     errors = np.stack([numbers["ra_error"], numbers["dec_error"]])[:, usable]
     error_notes = _describe_errors(table_source.label, unitless, errors, sigma, np.count_nonzero(is_given), has_errors)
-    notes = (*table_source.notes, *notes, *selection_notes, *error_notes, *doubt_notes)
+    notes = (*table_source.notes, *notes, *selection_notes, *error_notes, *doubt_notes, *frames.notes)
     names = None if "name" not in column_of else np.asarray(table[column_of["name"]][0])[usable]
     if names is not None and names.dtype.kind not in "iu":
         names = names.astype(str)
@@ -396,7 +405,10 @@ def read_positions(
         )
     rho = np.where(is_given, 0.0, numbers["ra_dec_corr"])[usable]
     defining = np.asarray(table["defining"][0]).astype(str)[usable] == "D" if is_icrf else None
-    positions = Positions(lon, lat, errors * MAS, rho, name=names, frame=frame, notes=notes, defining=defining)
+    years = np.unique(np.asarray(table[epochs[0]][0], float)) if epochs else np.zeros(0)
+    epoch = float(years[0]) if len(years) == 1 and 1800 < years[0] < 2200 else None
+    about: Any = {"name": names, "epoch": epoch, "defining": defining, "frame": frames.frame, "notes": notes}
+    positions = Positions(lon, lat, errors * MAS, rho, **about)
     if table_source.covariance is None:
         return positions
     component_indices = np.arange(len(table_source.covariance)).reshape(2, -1)

@@ -538,3 +538,20 @@ def test_offsets_of_stars_are_of_stars_alone():
     still = rows.still[vlbi]
     assert np.std(away[~still]) == pytest.approx(1e8, rel=0.2)
     assert np.abs(away[still]).max() < 1e6
+
+
+def test_acceleration_is_taken_from_the_same_catalogue_whatever_the_reference():
+    """With Gaia as the reference it was taken from the other one: a spin with p = 1e-14 that was none."""
+    data = sim.link(4, 200, orientation=(0, 0, 0), spin=(0, 0, 0), aberration=AT, binaries=0.0)
+    by_vlbi, by_gaia = (link(data, reference=name, robust=False) for name in ("vlbi", "gaia"))
+    assert by_gaia.fixed == by_vlbi.fixed == {"vlbi": 2015.0}
+    one, other = by_vlbi.vector("spin", 13.0, "gaia"), by_gaia.vector("spin", 13.0, "vlbi")
+    np.testing.assert_allclose(one.value, -other.value, atol=0.1 * one.sigma.max())
+    names = np.where(data.catalogue == "vlbi", "one", "two")
+    unnamed = replace(data, catalogue=names, calibrator=np.where(names == "one", data.name, ""))
+    assert link(unnamed, reference="two", robust=False).fixed == {"one": 2015.0}
+    unnamed = replace(unnamed, calibrator=np.full(len(data), ""))
+    doubtful = link(unnamed, reference="two", robust=False)
+    assert doubtful.fixed == {"two": 2015.0}
+    assert "calibrators of two are taken as fixed" in dict(doubtful.answer.lines)["doubt"]
+    assert "doubt" not in dict(link(unnamed, reference="two", robust=False, fixed={"one": 2015.0}).answer.lines)

@@ -8,6 +8,7 @@ from conftest import random_field, real_catalogue
 
 import fit
 import sim
+from fit.commands.compare import main as compare_command
 from vsh import Coefficients, Modes
 from vsh.conventions import to_icrf3
 from vsh.io.catalogue import match, read_icrf, read_positions, rename_sources
@@ -246,3 +247,55 @@ def test_offsets_of_positions_have_their_unit():
     assert table["dra"].unit == table["ddec_error"].unit == "mas"
     assert "pmra" not in table.colnames
     assert match(field._derive(name=np.arange(50)), field._derive(name=np.arange(50))).unit == "µas/yr"
+
+
+def test_galactic_lists_are_compared_as_icrs_ones(tmp_path, capsys):
+    """Lists that state Galactic axes, or have l and b, were read as ICRS: another direction without a word."""
+    icrs = [positions(300), moved(positions(300), Coefficients(Modes(1), np.arange(6.0) * 100).at(*_place(300)))]
+    lines = []
+    for frame, names in (("icrs", ("ra", "dec")), ("galactic", ("ra", "dec")), ("galactic", ("l", "b"))):
+        paths = [tmp_path / f"{frame}_{names[0]}_{k}.ecsv" for k in "ab"]
+        for path, catalogue in zip(paths, icrs, strict=True):
+            turned = catalogue.to_frame(frame)
+            axes = dict(zip(names, np.degrees([turned.lon, turned.lat]), strict=True))
+            errors = dict(zip(("ra_error", "dec_error"), turned.sigma * 1e-3, strict=True))
+            table = Table({"source_name": turned.name, **axes, **errors, "ra_dec_corr": turned.rho})
+            table.meta = {"FRAME": frame} if names[0] == "ra" else {}
+            table.write(path)
+        columns = [] if names[0] == "ra" else ["--columns", "ra=l,dec=b"]
+        assert compare_command([*map(str, paths), "--lmax", "1", *columns]) == 0
+        lines.append(capsys.readouterr().out.split("errors")[0])
+        read = read_positions(paths[0], dict(zip(("ra", "dec"), names, strict=True)))
+        assert read.frame == frame
+        again = read.to_frame("icrs")
+        for name in ("lon", "lat", "sigma", "rho"):
+            np.testing.assert_allclose(getattr(again, name), getattr(icrs[0], name), rtol=1e-9)
+    assert lines[0] == lines[1] == lines[2]
+    assert "rotation" in lines[0]
+    with pytest.raises(FrameError, match="share"):
+        replace(icrs[0], covariance=np.eye(600)).to_frame("galactic")
+
+
+def _place(n):
+    catalogue = positions(n)
+    return catalogue.lon, catalogue.lat
+
+
+def test_epochs_apart_are_said_first():
+    """A rotation of 705 µas with p = 1e-29 was the motion of sixteen years."""
+    table = Table(
+        {"source_name": ["a", "b", "c"], "ra": [1.0, 99, 200], "dec": [1.0, 40, -50], "ref_epoch": [2016.0] * 3}
+    )
+    later, earlier = table.copy(), table.copy()
+    earlier["ref_epoch"] = 2000.0
+    later, earlier = (read_positions(each, sigma=100.0) for each in (later, earlier))
+    assert (later.epoch, earlier.epoch) == (2016.0, 2000.0)
+    text = "the positions are of 2016 and of 2000, and no motions take them to one epoch"
+    assert text in " ".join(map(str, match(later, earlier).notes))
+    moving = replace(earlier, motion=np.zeros((2, 3)))
+    assert text not in " ".join(map(str, match(later, moving).notes))
+    a, b = (replace(positions(), epoch=epoch) for epoch in (2016.0, 2000.0))
+    comparison, _ = fit.frames.compare.compare_catalogues(a, moved(b, np.zeros((2, 500))), 1)
+    assert "doubt" not in comparison.verdict
+    comparison, _ = fit.frames.compare.compare_catalogues(a, replace(moved(b, np.full((2, 500), 1.0)), epoch=2000.0), 1)
+    assert comparison.verdict.startswith("doubt the positions are of 2016")
