@@ -23,18 +23,12 @@ _PARAMETERS = ("ra", "dec", "parallax", "pmra", "pmdec")
 _SMALLEST_ERROR = 1e-9
 _ALIASES = {
     "name": ("source_name", "iers", "icrf", "name", "star", "source", "object", "designation", "source_id"),
-    "catalogue": ("catalogue", "catalog"),
-    "epoch": ("epoch", "ref_epoch"),
-    "ra": ("ra", "raj2000", "ra_icrs"),
-    "dec": ("dec", "de", "dej2000", "de_icrs"),
-    "parallax": ("parallax", "plx", "pi"),
-    "pmra": ("pmra",),
-    "pmdec": ("pmdec", "pmde"),
-    "radial_velocity": ("radial_velocity", "rv"),
-    "magnitude": ("phot_g_mean_mag", "magnitude", "gmag", "g"),
-    "still": ("still", "quasar"),
+    "catalogue": ("catalogue", "catalog"), "epoch": ("epoch", "ref_epoch"), "ra": ("ra", "raj2000", "ra_icrs"),
+    "dec": ("dec", "de", "dej2000", "de_icrs"), "parallax": ("parallax", "plx", "pi"), "pmra": ("pmra",),
+    "pmdec": ("pmdec", "pmde"), "radial_velocity": ("radial_velocity", "rv"),
+    "magnitude": ("phot_g_mean_mag", "magnitude", "gmag", "g"), "still": ("still", "quasar"),
     "calibrator": ("calibrator", "reference_source", "phase_reference"),
-}
+}  # fmt: skip
 _UNITS = {"ra": "deg", "dec": "deg", "parallax": "mas", "pmra": "mas / yr", "pmdec": "mas / yr",
           "radial_velocity": "km / s"}  # fmt: skip
 #: Errors and correlations, by the names of their parameters.

@@ -221,12 +221,12 @@ class Positions(Frozen):
         Raises
         ------
         FrameError
-            If the sources share errors, which are not turned.
+            If there is a covariance between sources, which is not turned.
         """
         if check_frame(name) == self.frame:
             return self
         if self.covariance is not None:
-            raise FrameError(f"errors that sources share are not turned: compare these in {self.frame} axes")
+            raise FrameError(f"a covariance between sources is not turned: compare these in {self.frame} axes")
         motion = self.sigma if self.motion is None else self.motion
         turned = rotate_astrometry(rotation_matrix(self.frame, name), self.lon, self.lat, motion, self.sigma, self.rho)
         columns: dict[str, Any] = dict(zip(("lon", "lat", "motion", "sigma", "rho"), turned, strict=True))

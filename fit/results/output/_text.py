@@ -218,10 +218,9 @@ _ERROR_NAMES = {
     ErrorSource.FLOWS: "least squares, formal errors and those of flows",
     ErrorSource.EXCESS_NOISE: "excess noise, errors from the residuals",
     ErrorSource.RESIDUALS: "robust fit, with errors from its residuals",
-    ErrorSource.BOOTSTRAP: "errors from the bootstrap",
-    ErrorSource.JACKKNIFE: "errors from the jackknife",
+    ErrorSource.BOOTSTRAP: "errors from the bootstrap", ErrorSource.JACKKNIFE: "errors from the jackknife",
     ErrorSource.JOINT: "joint fit",
-}
+}  # fmt: skip
 #: By how much residuals exceed errors where a unit is wrong rather than an error.
 _WRONG_UNIT_FACTOR = 30.0
 

@@ -34,26 +34,18 @@ FADED = "#b3b3b3"
 STYLE: Any = {
     **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize", "figure.titlesize", "figure.labelsize"), 8),
     **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 7),
-    "legend.frameon": False,
-    "legend.handletextpad": 0.4,
-    "legend.columnspacing": 1.0,
+    "legend.frameon": False, "legend.handletextpad": 0.4, "legend.columnspacing": 1.0,
     **dict.fromkeys(("axes.linewidth", "xtick.major.width", "ytick.major.width"), 0.6),
     **dict.fromkeys(("xtick.minor.width", "ytick.minor.width"), 0.4),
     **dict.fromkeys(("axes.spines.top", "axes.spines.right"), False),
-    "axes.prop_cycle": plt.cycler(color=COLOURS),
-    "lines.linewidth": 1.0,
-    "lines.markersize": 3.5,
-    "errorbar.capsize": 1.5,
-    "hatch.linewidth": 0.3,
-    "figure.figsize": (WIDTH, 2.4),
-    "figure.dpi": 150,
-    "savefig.dpi": 300,
-    "figure.constrained_layout.use": True,
+    "axes.prop_cycle": plt.cycler(color=COLOURS), "lines.linewidth": 1.0, "lines.markersize": 3.5,
+    "errorbar.capsize": 1.5, "hatch.linewidth": 0.3, "figure.figsize": (WIDTH, 2.4), "figure.dpi": 150,
+    "savefig.dpi": 300, "figure.constrained_layout.use": True,
     # TrueType: text of a PDF can be searched and is taken by journals.
     **dict.fromkeys(("pdf.fonttype", "ps.fonttype"), 42),
     # Two runs give the same file.
     "svg.hashsalt": "vsh-astrometry",
-}
+}  # fmt: skip
 
 
 def apply_style(draw: Callable[P, R]) -> Callable[P, R]:

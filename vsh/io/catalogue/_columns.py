@@ -236,9 +236,23 @@ def describe_odd_values(field: Any, min_sources: int = 20, *, is_unit_assumed: b
     if max(-lowest, highest) < _SMALL_SHARE * least:
         text = f"no motion is above {max(-lowest, highest):.3g} µas/yr, and no error below {least:.3g} µas/yr"
         notes.append(CodedNote(f"warning: {text}: in which units are they (units=, --units)?", DOUBT))
+    notes += [] if field.redshift is None else _describe_repeated_redshifts(field.redshift)
     if field.redshift is not None and field.distance is not None:
         notes += _describe_odd_distances(field.distance, field.redshift)
     return notes
+
+
+#: Redshifts of one value are many where they are more, and more than so many times those of the next.
+_MANY_SAME, _SAME_FACTOR = 20, 5
+
+
+def _describe_repeated_redshifts(redshift):
+    """A warning where many redshifts have one value, as marks of missing ones do."""
+    values, counts = np.unique(redshift[np.isfinite(redshift)], return_counts=True)
+    if len(counts) < 2 or (most := int(counts.max())) <= max(_MANY_SAME, _SAME_FACTOR * np.sort(counts)[-2]):
+        return []
+    text = f"{most} redshifts are exactly {values[counts.argmax()]:g}: a mark of missing ones? They are used"
+    return [CodedNote(f"warning: {text}", DOUBT)]
 
 
 def _describe_odd_distances(distance, redshift):

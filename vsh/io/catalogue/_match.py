@@ -205,11 +205,17 @@ def _match_by_name(a, b):
             f"the {'first' if a.name is None else 'second'} catalogue has no column of names that is known: say which "
             'has them (--columns name=…); by="position" (--match 1) needs none'
         )
-    if a.name.dtype.kind != b.name.dtype.kind and "U" in (a.name.dtype.kind, b.name.dtype.kind):
-        raise FieldError(
-            f"names of type {a.name.dtype} and {b.name.dtype} are never equal, {one_line_text(a.name[0])} and "
-            f'{one_line_text(b.name[0])} say: by="position" (--match 1) needs none'
-        )
+    types = a.name.dtype, b.name.dtype
+    if types[0].kind != types[1].kind and "U" in (
+        types[0].kind,
+        types[1].kind,
+    ):  # identifiers, as digits in one of them
+        a, b = (replace(catalogue, name=np.char.strip(catalogue.name.astype(str))) for catalogue in (a, b))
+        if not np.isin(a.name, b.name).any():
+            raise FieldError(
+                f"names of type {types[0]} and {types[1]} are never equal, {one_line_text(a.name[0])} and "
+                f'{one_line_text(b.name[0])} say: by="position" (--match 1) needs none'
+            )
     single_rows = []
     ambiguous = 0
     for catalogue in (a, b):

@@ -412,7 +412,7 @@ def _collect_drop_reasons(column_of, block, aside, motion_label):
     What is missing in a source is missing as a whole: a row with one component of a motion is a mistake.
     """
     for quantity, roles in (("position", REQUIRED[:2]), (motion_label, REQUIRED[2:4])):
-        masks = [np.asarray(block[column_of[role]][1]) for role in roles if block[column_of[role]][1] is not None]
+        masks = [_find_missing_rows(*block[column_of[role]]) for role in roles if role in column_of]
         if len(masks) < 2 or any(mask.ndim != 1 for mask in masks):
             continue
         missing = np.logical_and.reduce(masks)
@@ -423,23 +423,30 @@ def _collect_drop_reasons(column_of, block, aside, motion_label):
     return aside
 
 
+def _find_missing_rows(values, mask):
+    """Rows without a value: FITS has nan alone to say so of numbers with a point."""
+    is_nan = np.isnan(values) if values.dtype.kind == "f" else np.zeros(values.shape, bool)
+    return is_nan if mask is None else is_nan | np.asarray(mask)
+
+
 def _find_other_solutions(name, values, mask):
     """Rows whose astrometric model is not one for quasars and galaxies, by its number."""
     values, is_known = _read_flag_numbers(name, values, mask, "solution")
     is_other = ~np.isin(values, list(DR4.accepted)) & is_known  # where it is null, the motions say what they are
     return {
-        f"{printable(name)} = {value:g} ({'position alone' if value == 3 else 'not of 5 or 6 parameters'})": values
-        == value
+        f"{printable(name)} = {value:g} ({'position alone' if value == 3 else 'not of 5 or 6 parameters'})": (
+            is_other & (values == value)
+        )
         for value in np.unique(values[is_other])
     }
 
 
 def _find_flagged_rows(name, values, mask):
-    """Rows whose flag of quality is not zero; where it is null, nothing speaks against a source."""
+    """Rows whose flag of quality is not zero, or missing: nobody has said that these are good."""
     values, is_known = _read_flag_numbers(name, values, mask, "quality")
-    is_flagged = (values != 0) & is_known
-    reason = f"{printable(name)} is not 0 (columns={{'quality': None}}, --columns quality=, uses these)"
-    return {reason: is_flagged} if is_flagged.any() else {}
+    masks = {"not 0": is_known & (values != 0), "missing": ~is_known}
+    remedy = "(columns={'quality': None}, --columns quality=, uses these)"
+    return {f"{printable(name)} is {fault} {remedy}": flagged for fault, flagged in masks.items() if flagged.any()}
 
 
 #: How tables write flags as text.

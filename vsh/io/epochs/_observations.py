@@ -448,7 +448,11 @@ def read_observations(
     }
     for name in _NEEDED_COLUMNS:
         if expected_columns[name] not in table_source.names and not (name in _RA_DEC and positions is not None):
-            remedy = "; positions=, a table of source_id, ra, dec (gaia_source), gives them" if name in _RA_DEC else ""
+            remedy = (
+                "; positions= (vsh-waves --positions), a table of source_id, ra, dec, gives them"
+                if name in _RA_DEC
+                else ""
+            )
             raise TableError(f"{table_source.label}: {missing_column(expected_columns[name], table_source)}{remedy}")
     if positions is not None:
         for name in _RA_DEC:

@@ -105,7 +105,8 @@ class Where(InNotebook):
         n_rows = len(next(iter(block.values()))[0])
         with np.errstate(all="ignore"):
             value, missing = self._evaluate_node(self._tree, block)
-        if np.asarray(value).dtype != bool:
+        value = _read_truth(value)
+        if value.dtype != bool:
             raise TableError(f"--where {self.shown!r} is a number or a text, not a condition: compare it, < 19 say")
         value, missing = np.broadcast_to(value, n_rows), np.broadcast_to(missing, n_rows)
         return value & ~missing, missing.copy()
@@ -188,12 +189,13 @@ class Where(InNotebook):
 
     def _evaluate_condition(self, node, block):
         value, missing = self._evaluate_node(node, block)
-        if np.asarray(value).dtype != bool:
+        value = _read_truth(value)
+        if value.dtype != bool:
             raise TableError(
                 f"--where: {printable(ast.unparse(node))} is no condition; & and | bind closer than <: put parentheses,"
                 " or say and, or"
             )
-        return np.asarray(value), np.asarray(missing)
+        return value, np.asarray(missing)
 
     def _join_conditions(self, is_and, nodes, block):
         """Kleene's logic: what is false whatever the missing value is, is false."""
@@ -319,6 +321,13 @@ def _convert_to_comparable(values, mask):
     elif values.dtype.kind == "S":
         values = np.char.decode(values, "utf-8", "replace")
     return values, is_missing
+
+
+def _read_truth(value):
+    """A condition from words that are true or false throughout, as CSV has them; everything else as it is."""
+    value = np.asarray(value)
+    words = np.char.lower(value) if value.dtype.kind == "U" else np.array("other")
+    return words == "true" if np.isin(words, ("true", "false", "")).all() else value
 
 
 def _is_small_power(node):

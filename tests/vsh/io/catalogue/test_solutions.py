@@ -55,6 +55,26 @@ def test_missing_solution_and_words():
         read_field(table("astrometric_params", np.array(["five", "six"])))
 
 
+def test_model_under_a_mask_is_no_model():
+    """Parquet as astropy writes it keeps the number that is masked: it was read as a model of two parameters."""
+    values = np.ma.MaskedArray([31, 127, 95, 127], [False, True, False, False])
+    assert list(read_field(table("astrometric_params", values)).name) == [0, 1, 2]
+
+
+def test_motions_of_nan_are_missing_as_those_with_a_mask_are():
+    """FITS has no other way to say so: the two forms of one table have one answer."""
+    masked = Table(table("ruwe", np.ones(6)))
+    for name in ("pmra", "pmdec"):
+        masked[name] = np.ma.MaskedArray(masked[name], np.arange(6) < 2)
+    bare = Table({name: np.ma.filled(column, np.nan) for name, column in masked.items()})
+    fields = [read_field(each) for each in (masked, bare)]
+    assert fields[0] == fields[1]
+    assert list(fields[1].name) == [2, 3, 4, 5]
+    bare["pmdec"][0] = 1.0
+    with pytest.raises(FieldError, match="not finite"):
+        read_field(bare)
+
+
 def test_all_can_be_asked_for():
     assert len(read_field(table("astrometric_params", [31, 3, 120]), columns={"solution": None})) == 3
 
@@ -79,8 +99,10 @@ FLAGS = [0, 1, 0, 2, 0]
 def test_flags_are_read_however_a_table_holds_them(values):
     """A left join makes floats of flags, a CSV makes words of them: all sources were used then, without a word."""
     field = read_field(table("quality_flag", values))
-    assert list(field.name) == [0, 2, 4]
-    assert count_dropped(field.notes) == 2
+    missing = np.ma.getmaskarray(values) | np.array([str(value) in ("nan", "", "None") for value in values])
+    assert list(field.name) == [k for k in (0, 2, 4) if not missing[k]]
+    assert count_dropped(field.notes) == 2 + missing.sum()
+    assert any("quality_flag is missing" in note for note in field.notes) == missing.any()
     assert any("quality_flag is not 0" in note for note in field.notes)
     assert len(read_field(table("quality_flag", values), columns={"quality": None})) == 5  # as the note says
 

@@ -8,7 +8,7 @@ from gaia_table import NAMES
 from gaia_table import table as table_of_gaia
 
 import fit
-from vsh import Field, FieldError, TableError
+from vsh import Field, FieldError, TableError, VshWarning
 from vsh.io.catalogue import read_field
 
 N = 4
@@ -203,3 +203,19 @@ def test_distances_beside_redshifts_are_said_to_be_unread():
     read = read_field(made, {"distance": "distance", "distance_error": "e"})
     assert not any("is not used" in str(note) for note in read.notes)
     assert read.distance[0] == 40.0
+
+
+def test_redshifts_of_one_value_are_doubted():
+    """300 of 3000 redshifts of exactly one halved the velocity of the galaxies without a word."""
+    rng = np.random.default_rng(2)
+    made = Table({"ra": rng.uniform(0, 360, 200), "dec": rng.uniform(-80, 80, 200)})
+    for name in NAMES[2:]:
+        made[name] = rng.uniform(0.1, 0.3, 200)
+    made["redshift"] = np.random.default_rng(1).uniform(0.01, 0.3, 200)
+    assert not [note for note in read_field(made).notes if "exactly" in note]
+    made["redshift"][:30] = 1.0
+    with pytest.warns(VshWarning, match="30 redshifts are exactly 1: a mark of missing ones"):
+        field = read_field(made)
+    assert (field.redshift == 1.0).sum() == 30  # they are used
+    made["redshift"] = np.round(np.random.default_rng(1).uniform(0.01, 0.3, 200), 1)  # rounded ones are none
+    assert not [note for note in read_field(made).notes if "exactly" in note]

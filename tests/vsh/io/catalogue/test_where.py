@@ -147,6 +147,25 @@ def test_redshift_that_marks_a_missing_one_is_beyond_no_edge():
     assert len(velocities) == (3e3 * Z > 1000).sum()
 
 
+def test_flags_that_are_words_are_conditions(tmp_path):
+    """What FITS has as a flag is True and False in CSV: `used` and `not used` select there too."""
+    made = TABLE.copy()
+    made["used"] = G < 18
+    made.write(tmp_path / "a.csv"), made.write(tmp_path / "a.fits")
+    for name in ("a.csv", "a.fits"):
+        for condition, expected in (
+            ("used", G < 18),
+            ("not used", G >= 18),
+            ("used and z > 0.5", (G < 18) & (Z > 0.5)),
+        ):
+            assert len(read_field(tmp_path / name, where=condition)) == np.sum(
+                expected & (~GAP | ("z" not in condition))
+            )
+    made["used"] = np.where(G < 18, "yes", "no")
+    with pytest.raises(TableError, match="not a condition"):
+        read_field(made, where="used")
+
+
 def test_rest_is_counted():
     field = read_field(TABLE, where="0.5 < z < 2")
     note = next(note for note in field.notes if isinstance(note, UnselectedRows))
