@@ -555,3 +555,10 @@ def test_acceleration_is_taken_from_the_same_catalogue_whatever_the_reference():
     assert doubtful.fixed == {"two": 2015.0}
     assert "calibrators of two are taken as fixed" in dict(doubtful.answer.lines)["doubt"]
     assert "doubt" not in dict(link(unnamed, reference="two", robust=False, fixed={"one": 2015.0}).answer.lines)
+
+
+def test_errors_in_another_unit_are_doubted_first():
+    data = sim.link(5, 40, orientation=(0, 0, 0), spin=(0, 0, 0), binaries=0.0)
+    assert "doubt" not in dict(link(data).answer.lines)
+    wrong = link(replace(data, covariance=data.covariance / 200**2))
+    assert "times the errors: are both in the units" in dict(wrong.answer.lines)["doubt"]
