@@ -67,8 +67,11 @@ def test_motions_of_nan_are_missing_as_those_with_a_mask_are():
     for name in ("pmra", "pmdec"):
         masked[name] = np.ma.MaskedArray(masked[name], np.arange(6) < 2)
     bare = Table({name: np.ma.filled(column, np.nan) for name, column in masked.items()})
-    fields = [read_field(each) for each in (masked, bare)]
-    assert fields[0] == fields[1]
+    both = bare.copy()  # one is masked, the other nan
+    for name in ("pmra", "pmdec"):
+        both[name] = np.ma.MaskedArray(bare[name], np.arange(6) == 0)
+    fields = [read_field(each) for each in (masked, bare, both)]
+    assert fields[0] == fields[1] == fields[2]
     assert list(fields[1].name) == [2, 3, 4, 5]
     bare["pmdec"][0] = 1.0
     with pytest.raises(FieldError, match="not finite"):
