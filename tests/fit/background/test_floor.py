@@ -251,6 +251,7 @@ def test_messages():
         floor(LOUD, degrees=range(2, 8))
     with pytest.raises(ModesError, match="fit to degree 3 at least"):
         floor(fit.normal_equations(sky(), 1))
+    assert tuple(floor(fit.normal_equations(sky(), 2)).degrees) == (2,)
     with pytest.raises(ModesError, match="estimated from degrees 2 to 5, and these normal equations go to 3"):
         fit.solve(fit.normal_equations(sky(), 3), floor=floor(LOUD))
     with pytest.raises(ParameterError, match=r"floor is what fit.background.floor\(normal\) gives, not a float"):

@@ -157,6 +157,7 @@ def test_clipped_is_not_refused(tmp_path):
     assert main([str(tmp_path / "c.fits"), "--lmax", "1", "--method", "clip=5", "--output", str(tmp_path / "out")]) == 0
     meta = Table.read(tmp_path / "out" / "solution.ecsv").meta
     assert (meta["rows_refused"], meta["rows_used"] + meta["rows_clipped"]) == (0, 30)
+    assert meta["rows"] == 30
     assert meta["rows_clipped"] >= 1
 
 

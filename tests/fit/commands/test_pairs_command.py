@@ -42,7 +42,7 @@ def test_usage(catalogue, capsys):
     for bad in (["--up-to", "200"], ["--templates", "strings"], ["--bins", "0"]):
         with pytest.raises(SystemExit):
             main([catalogue, *bad])
-    assert main([catalogue, "--templates", "none", "--bins", "3", "--nside", "1"]) == 0
+    assert main([catalogue, "--templates", "none", "--bins", "3", "--nside", "1", "--up-to", "180"]) == 0
     assert "Templates" not in capsys.readouterr().out
     assert main(["nothing.fits"]) == 1
 

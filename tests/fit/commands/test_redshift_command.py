@@ -152,6 +152,14 @@ def test_redshifts_missing_and_absent(path, tmp_path, capsys):
     table.write(tmp_path / "broken.fits")
     assert main([str(tmp_path / "broken.fits"), "--h0", "67"]) == 1
     assert "1 of 1998 redshifts give no distance: 1 zero or negative" in capsys.readouterr().err
+    refused = table.copy()
+    refused["pmra"][9] = np.nan
+    refused.write(tmp_path / "refused.fits")
+    words = ["--h0", "67", "--on-bad", "drop", "--format", "none", "--output", str(tmp_path / "out")]
+    assert main([str(tmp_path / "refused.fits"), *words]) == 0
+    told = json.loads((tmp_path / "out" / "provenance.json").read_text())
+    assert (told["rows"], told["rows_read"]) == (2000, 1999)
+    capsys.readouterr()
     assert main([str(tmp_path / "broken.fits"), "--h0", "67", "--on-bad", "drop"]) == 0
     assert "left out 3 of 2000 sources without a usable redshift" in capsys.readouterr().out
     assert main([str(ROOT / "fit" / "demo.fits"), "--h0", "67"]) == 1

@@ -153,6 +153,17 @@ def test_known_glide_is_data():
     np.testing.assert_allclose(held.value, ACCELERATION, atol=1e-4)
 
 
+def test_flow_of_a_field_whose_spin_is_known():
+    """What is known is taken out of the motions: the flow is that of the field without it."""
+    field = galaxies(300, flow="linear", n_modes=60)
+    known, none = (Vector(value, 1e-12 * np.eye(3)) for value in ((3.0, -5.0, 2.0), (0, 0, 0)))
+    turned = replace(field, motion=field.motion + sim.spin(known.value)(field.lon, field.lat))
+    flows = [
+        observer_velocity(each, 67.3, flows="linear", spin=spin).flow for each, spin in ((field, none), (turned, known))
+    ]
+    np.testing.assert_allclose(flows[1].values, flows[0].values, atol=1e-4 * np.abs(flows[0].values).max())
+
+
 @pytest.mark.slow
 def test_reconstruction_lowers_the_errors_and_they_hold():
     """The flow is known but for half of it: errors are smaller, and pulls one."""

@@ -1,6 +1,7 @@
 """What is estimated of near galaxies with nothing said of flows holds on skies with flows; what leaves them out says it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -198,6 +199,8 @@ def test_curved_space_moves_sources_by_the_parallax_distance():
     assert hubble_constant(field, CMB_VELOCITY_PLANCK18, cosmology=curved).hubble == pytest.approx(67.3, rel=1e-6)
     with pytest.raises(ParameterError, match=r"cosmology is one of astropy's.*not a Vector"):
         observer_velocity(field, 67.3, cosmology=CMB_VELOCITY_PLANCK18)
+    with pytest.raises(ParameterError, match=r"cosmology is one of astropy's"):
+        observer_velocity(field, 67.3, cosmology=SimpleNamespace(H0=67.3))
 
 
 @pytest.mark.slow

@@ -8,7 +8,12 @@ from scipy.stats import kstest
 import sim
 from fit import fit_field, normal_equations
 from fit.background import floor
-from study.referee._quasars import find_degree_shift, find_method_shift, find_most_influential_source
+from study.referee._quasars import (
+    find_degree_shift,
+    find_method_shift,
+    find_most_influential_source,
+    select_degree_coefficients,
+)
 from vsh import Field
 from vsh.models.covariance import Spectrum
 
@@ -100,3 +105,13 @@ def test_by_method_asks_nothing_of_the_errors(monkeypatch, skies):
                 field = Field(LON, LAT, rng.standard_t(3, (2, N)) * SIGMA, SIGMA, RHO)
             p.append(find_method_shift(field, seed)[2])
         assert kstest(p, "uniform").pvalue > 0.01
+
+
+def test_coefficients_of_one_degree():
+    field = sim.observe(sim.quasars(300, 1), sim.spin((1.0, 2.0, 3.0)), 2, sigma=30.0)
+    solution = fit_field(field, 3)
+    values, covariance = select_degree_coefficients(solution, 2)
+    rows = [i for i, mode in enumerate(solution.modes) if mode.l == 2]
+    assert len(rows) == 10
+    np.testing.assert_array_equal(values, solution.values[rows])
+    np.testing.assert_array_equal(covariance, solution.covariance[np.ix_(rows, rows)])

@@ -12,6 +12,7 @@ import sim
 from fit.frames.link import LinkPrior, find_step, forecast, link, read_priors
 from fit.frames.link._likelihood import Tails
 from vsh.io.astrometry import read_astrometry, write_astrometry
+from vsh.sky.astrometry import propagate
 from vsh.tools.errors import DegeneracyError, FieldError, ParameterError, TableError
 from vsh.tools.units import UAS
 from vsh.vector import Vector
@@ -562,3 +563,16 @@ def test_errors_in_another_unit_are_doubted_first():
     assert "doubt" not in dict(link(data).answer.lines)
     wrong = link(replace(data, covariance=data.covariance / 200**2))
     assert "times the errors: are both in the units" in dict(wrong.answer.lines)["doubt"]
+
+
+def test_error_of_a_calibrator_is_in_all_its_stars():
+    stars = sim.link(1, 12, calibrators=3, calibrator_error=1e6, binaries=0.0)
+    gaia, vlbi = (np.flatnonzero(stars.catalogue == name) for name in ("gaia", "vlbi"))
+    known = np.vstack([stars.lon[gaia], stars.lat[gaia], stars.parallax[gaia], stars.motion[:, gaia]])
+    velocity = np.nan_to_num(stars.radial_velocity[gaia])
+    there, _ = propagate(known, velocity, stars.epoch[gaia], stars.epoch[vlbi])
+    east = (stars.lon[vlbi] - there[0]) * np.cos(there[1]) / UAS
+    groups = [east[stars.calibrator[vlbi] == name] for name in sorted(set(stars.calibrator[vlbi]))]
+    assert [len(group) for group in groups] == [4, 4, 4]
+    assert max(np.ptp(group) for group in groups) < 2e4
+    assert 2e5 < np.std([group.mean() for group in groups]) < 3e6

@@ -159,6 +159,10 @@ def test_declared_sizes_are_held_against_the_file(tmp_path, packed):
     path.write_bytes(gzip.compress(content) if packed else content)
     with pytest.raises(TableError, match="declares .* bytes where"):
         read_field(path)
+    content = content.replace(b"BITPIX  =                    8", b"BITPIX  = 'eight   '          ")
+    path.write_bytes(gzip.compress(content) if packed else content)
+    with pytest.raises(TableError, match="is damaged: a header declares sizes"):
+        read_field(path)
 
 
 def test_giant_field_is_refused_before_it_is_stored(tmp_path):
