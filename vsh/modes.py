@@ -151,7 +151,7 @@ class Modes(InNotebook):
 
     @property
     def blocks(self) -> dict[tuple[Kind, int], slice]:
-        """Where the coefficients of each kind and degree are, in storage order."""
+        """Slices of the coefficients of each kind and degree, in storage order."""
         return {(kind, l): self.slice_of(kind, l) for kind in self.kinds for l in range(self.lowest, self.lmax + 1)}
 
     def slice_of(self, kind: Kind, l: int) -> slice:

@@ -260,7 +260,7 @@ class FrameComparison(FrameResult, AboutSolution):
 
     @property
     def notes(self) -> tuple[str, ...]:  # type: ignore[override]
-        """What the reader should know."""
+        """Notes of the solution, for the reader."""
         return self.solution.notes
 
     @property

@@ -385,7 +385,15 @@ class Solution(LinearSolution):
         return chance_probability(self.chi2_of_degree(kind, l), 2 * l + 1, self.dof_of_degree(kind, l))
 
     def dof_of_degree(self, kind: Kind, l: int) -> float:
-        """Degrees of freedom with which the covariance of one `kind` and degree was estimated; inf if it is known."""
+        """Degrees of freedom with which the covariance of one degree was estimated; inf if it is known.
+
+        Parameters
+        ----------
+        kind : {"T", "S", "F"}
+            Toroidal or spheroidal; F of a scalar field.
+        l : int
+            The degree.
+        """
         return float(self._parameter_dof[self.modes.slice_of(kind, l)][0])
 
     @property

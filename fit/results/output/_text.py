@@ -54,10 +54,7 @@ def vector_rows(
 
 
 def vectors_of(solution: Any, answer: Answer | None = None) -> dict[str, Vector]:
-    """Spin and acceleration of a solution by name; rotation and glide where the answer says so, or of positions.
-
-    Of a scalar field it is the dipole.
-    """
+    """Spin and acceleration by name; rotation and glide of positions or as the answer says; a scalar field's dipole."""
     if is_of_scalar_field(solution):
         return {"dipole": solution.dipole} if solution.modes.lmax > 0 else {}
     is_rotation = solution.unit == "µas" or (answer is not None and "rotation" in dict(answer.lines))
