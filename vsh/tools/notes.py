@@ -5,6 +5,7 @@ Notes are strings. Some also count: rows that were left out, sources without a r
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from hashlib import blake2b
 from typing import Any
@@ -91,8 +92,9 @@ def codes_of(notes: Iterable[str]) -> tuple[str, ...]:
 
 
 def doubts_of(notes: Iterable[str]) -> list[tuple[str, str]]:
-    """The notes of doubt as lines to quote, which are never sharper than they."""
-    return [("doubt", str(note).removeprefix("warning: ")) for note in dict.fromkeys(notes) if has_code(note, DOUBT)]
+    """The notes of doubt as lines to quote, which are never sharper than they: one of those that differ by numbers."""
+    doubts = {re.sub(r"\d[\d.e+]*", "", note): str(note) for note in reversed([*notes]) if has_code(note, DOUBT)}
+    return [("doubt", text.removeprefix("warning: ")) for text in reversed(doubts.values())]
 
 
 def add_codes(notes: Iterable[str], codes: Iterable[str]) -> tuple[str, ...]:

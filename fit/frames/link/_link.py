@@ -142,9 +142,7 @@ def link(
     notes = (*astrometry.notes, *notes)
     if aberration is not None and "acceleration" not in unknowns:
         if are_guessed and not _find_radio_names(astrometry):
-            text = (
-                f"calibrators of {reference_name} are taken as fixed: if not, say whose are (fixed=, --fixed NAME=2015)"
-            )
+            text = f"calibrators of {reference_name} are taken as fixed: if not, say whose (fixed=, --fixed NAME=2015)"
             notes = (*notes, CodedNote(f"warning: {text}", DOUBT))
         exception = f" of all catalogues but {', '.join(fixed)}, whose calibrators are fixed" if fixed else ""
         correction = f"an acceleration of {aberration.amplitude:.3g} µas/yr is taken from motions and positions"

@@ -10,6 +10,7 @@ from gaia_table import table as table_of_gaia
 import fit
 from vsh import Field, FieldError, TableError, VshWarning
 from vsh.io.catalogue import read_field
+from vsh.tools.notes import DOUBT, CodedNote, doubts_of
 
 N = 4
 PLAIN = {"ra": np.arange(N) * 40.0, "dec": np.arange(N) * 10.0} | {name: np.ones(N) for name in NAMES[2:]}
@@ -219,3 +220,11 @@ def test_redshifts_of_one_value_are_doubted():
     assert (field.redshift == 1.0).sum() == 30  # they are used
     made["redshift"] = np.round(np.random.default_rng(1).uniform(0.01, 0.3, 200), 1)  # rounded ones are none
     assert not [note for note in read_field(made).notes if "exactly" in note]
+
+
+def test_doubts_of_many_parts_are_one_line():
+    """Parts count for themselves: twenty of them were twenty lines before the result."""
+    notes = [CodedNote(f"warning: {n} redshifts are exactly 1: a mark?", DOUBT) for n in (30, 31, 29)]
+    other = CodedNote("warning: half of the errors are above 4e+05 µas/yr", DOUBT)
+    lines = doubts_of([*notes, "a note", other])
+    assert lines == [("doubt", "30 redshifts are exactly 1: a mark?"), ("doubt", other.removeprefix("warning: "))]
