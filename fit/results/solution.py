@@ -600,11 +600,8 @@ class Solution(LinearSolution):
     @classmethod
     def _decode_attributes(cls, columns, metadata):
         """Attributes of every solution."""
-        stored_attributes = {
-            "floor": None,
-            "formal_covariance": None,
-            "block_dof": encode_value(()),
-        } | metadata  # which older files lack
+        # Older files lack these.
+        stored_attributes = {"floor": None, "formal_covariance": None, "block_dof": encode_value(())} | metadata
         plain = {name: decode_value(stored_attributes[name]) for name in cls._list_plain_attributes()}
         plain |= {name: from_hex(plain[name]) for name in ("chi2", "covariance_dof", "by_prior")}
         plain |= {name: str(plain[name]) for name in ("errors_from", "unit")}

@@ -92,9 +92,9 @@ def codes_of(notes: Iterable[str]) -> tuple[str, ...]:
 
 
 def doubts_of(notes: Iterable[str]) -> list[tuple[str, str]]:
-    """The notes of doubt as lines to quote, which are never sharper than they: one of those that differ by numbers."""
+    """The notes of doubt as a line to quote, which is never sharper than they: one of those that differ by numbers."""
     doubts = {re.sub(r"\d[\d.e+]*", "", note): str(note) for note in reversed([*notes]) if has_code(note, DOUBT)}
-    return [("doubt", text.removeprefix("warning: ")) for text in reversed(doubts.values())]
+    return [("doubt", "; ".join(text.removeprefix("warning: ") for text in reversed(doubts.values())))] * bool(doubts)
 
 
 def add_codes(notes: Iterable[str], codes: Iterable[str]) -> tuple[str, ...]:

@@ -140,6 +140,9 @@ def link(
             nodes.append(replace(node, log_evidence=log_evidence, excess=size))
     best_node = max(nodes, key=lambda node: node.log_evidence)
     notes = (*astrometry.notes, *notes)
+    if best_node.scale > _WRONG_UNIT_FACTOR:
+        text = f"residuals are {best_node.scale:.3g} times the errors: are both in the units that were assumed?"
+        notes = (*notes, CodedNote(f"warning: {text}", DOUBT))
     if aberration is not None and "acceleration" not in unknowns:
         if are_guessed and not _find_radio_names(astrometry):
             text = f"calibrators of {reference_name} are taken as fixed: if not, say whose (fixed=, --fixed NAME=2015)"
@@ -202,6 +205,10 @@ def _check_separable(rows, prior, names, equations):
         raise DegeneracyError(
             f"{len(rows.names)} sources, {n_both} of them in two catalogues, cannot separate {', '.join(mixed)}: {hint}"
         )
+
+
+#: By how much residuals exceed errors where a unit is wrong rather than an error.
+_WRONG_UNIT_FACTOR = 30.0
 
 
 def _find_radio_names(astrometry):

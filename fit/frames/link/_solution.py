@@ -28,8 +28,6 @@ from vsh.tools.printing import one_line_text
 from vsh.tools.types import Axes, AxesArray, FloatArray, IntArray, OnAxes, Table
 from vsh.vector import Vector
 
-#: By how much residuals exceed errors where a unit is wrong rather than an error.
-_WRONG_UNIT_FACTOR = 30.0
 #: Sources that the report lists, of the most doubtful and of the most influential.
 _MOST_LISTED = 8
 #: A source that moves a parameter by more than so many errors is said to.
@@ -310,8 +308,7 @@ class FrameTie(FrameResult, NamedSolution):
         steps, powers = self.unknowns.steps, self.unknowns.order
         at = f", brighter than {min(steps):.4g} mag" if steps else ", at G = 13" if powers else ""
         several = len(self.unknowns.turned) > 1
-        doubt = f"residuals are {self.scale:.3g} times the errors: are both in the units that were assumed?"
-        lines = [*doubts_of(self.notes), *[("doubt", doubt)] * (self.scale > _WRONG_UNIT_FACTOR)]
+        lines = doubts_of(self.notes)
         lines += [
             (f"{name}, {catalogue}" if several else name, f"{self._format_vector(name, catalogue)} ({catalogue}{at})")
             for catalogue in self.unknowns.turned

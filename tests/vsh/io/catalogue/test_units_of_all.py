@@ -227,4 +227,5 @@ def test_doubts_of_many_parts_are_one_line():
     notes = [CodedNote(f"warning: {n} redshifts are exactly 1: a mark?", DOUBT) for n in (30, 31, 29)]
     other = CodedNote("warning: half of the errors are above 4e+05 µas/yr", DOUBT)
     lines = doubts_of([*notes, "a note", other])
-    assert lines == [("doubt", "30 redshifts are exactly 1: a mark?"), ("doubt", other.removeprefix("warning: "))]
+    assert lines == [("doubt", f"30 redshifts are exactly 1: a mark?; {other.removeprefix('warning: ')}")]
+    assert doubts_of(["a note"]) == []
