@@ -50,8 +50,7 @@ class FrameResult(Result):
     def answer(self) -> Answer:
         """The result to quote: the vectors of each pair."""
         has_several = len(self.pairs) > 1
-        lines = doubts_of(self.notes)
-        lines += [
+        lines = doubts_of(self.notes) + [
             (f"{catalogue} − {reference}: {name}" if has_several else name, words_of(vector))
             for catalogue, reference in self.pairs
             for name, vector in self.vectors(catalogue, reference).items()

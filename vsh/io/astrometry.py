@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vsh.io import tables
-from vsh.io.catalogue import as_doubles, check_position_unit
+from vsh.io.catalogue import as_doubles, check_position_unit, find_frames
 from vsh.io.columns import missing_column, unit_factor
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools.errors import TableError
@@ -103,9 +103,7 @@ def read_astrometry(
 
 def _find_catalogue_suffix(names):
     """The suffix of a second catalogue in a table; empty where there is none."""
-    suffixes = [
-        name[2:] for name in names if name.startswith("ra_") and {f"dec{name[2:]}", f"epoch{name[2:]}"} <= {*names}
-    ]
+    suffixes = [n[2:] for n in names if n.startswith("ra_") and {f"dec{n[2:]}", f"epoch{n[2:]}"} <= {*names}]
     return next(iter(suffixes), "") if "ra" in names else ""
 
 
@@ -131,6 +129,11 @@ class _CatalogueColumns:
             if role not in self.names and not (role == "epoch" and epoch is not None):
                 remedy = "; add it as a column, or say epoch= in read_astrometry" if role == "epoch" else ""
                 raise TableError(f"{table.label}: {missing_column(role + suffix, table)}{remedy}")
+        frame = find_frames({role: self.names[role] for role in _PARAMETERS if role in self.names}, None, table).frame
+        if frame != "icrs":
+            raise TableError(
+                f"{table.label} has {frame} axes, and a link takes ICRS: turn it, with SkyCoord of astropy say"
+            )
         self.columns = table.columns(tuple(dict.fromkeys(self.names.values())))
 
     def read_numbers(self, role, n_rows):

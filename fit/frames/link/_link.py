@@ -213,9 +213,8 @@ _WRONG_UNIT_FACTOR = 30.0
 
 def _find_radio_names(astrometry):
     """The catalogues that are of radio positions by their names, or by calibrators that their rows name."""
-    with_calibrators = set(astrometry.catalogue[astrometry.calibrator != ""])
     by_name = [name for name in astrometry.catalogues if name.lower().startswith(("vlbi", "icrf"))]
-    return by_name or [name for name in astrometry.catalogues if name in with_calibrators]
+    return by_name or np.unique(astrometry.catalogue[astrometry.calibrator != ""]).tolist()
 
 
 def _choose_reference_name(astrometry, reference):

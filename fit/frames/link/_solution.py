@@ -308,8 +308,7 @@ class FrameTie(FrameResult, NamedSolution):
         steps, powers = self.unknowns.steps, self.unknowns.order
         at = f", brighter than {min(steps):.4g} mag" if steps else ", at G = 13" if powers else ""
         several = len(self.unknowns.turned) > 1
-        lines = doubts_of(self.notes)
-        lines += [
+        lines = doubts_of(self.notes) + [
             (f"{name}, {catalogue}" if several else name, f"{self._format_vector(name, catalogue)} ({catalogue}{at})")
             for catalogue in self.unknowns.turned
             for name in ("orientation", "spin")

@@ -576,3 +576,14 @@ def test_error_of_a_calibrator_is_in_all_its_stars():
     assert [len(group) for group in groups] == [4, 4, 4]
     assert max(np.ptp(group) for group in groups) < 2e4
     assert 2e5 < np.std([group.mean() for group in groups]) < 3e6
+
+
+def test_rows_in_other_axes_are_refused(tmp_path):
+    """They were read as ICRS."""
+    write_astrometry(sim.link(1, 5), tmp_path / "rows.ecsv")
+    text = (tmp_path / "rows.ecsv").read_text().replace("# schema", "# - {FRAME: galactic}\n# schema", 1)
+    (tmp_path / "galactic.ecsv").write_text(
+        text if "meta:" in text else text.replace("# - {FRAME", "# meta:\n# - {FRAME")
+    )
+    with pytest.raises(TableError, match="galactic axes, and a link takes ICRS"):
+        read_astrometry(tmp_path / "galactic.ecsv")
