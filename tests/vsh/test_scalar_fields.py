@@ -122,8 +122,10 @@ def test_table_with_units_and_masks():
     masked = Table({"ra": [10.0, 20.0], "dec": [0.0, 1.0], "parallax_error": [0.1, 0.1]})
     masked["parallax"] = MaskedColumn([0.1, 0.2], mask=[False, True])
     assert "left out 1 of 2 rows: parallax missing: 1" in read_scalars(masked).notes  # no mistake, as of motions
+    bare = {"ra": [1, 2], "dec": [1, 2], "parallax": [np.nan, 1], "parallax_error": [1, 1]}
+    assert "left out 1 of 2 rows: parallax missing: 1" in read_scalars(bare).notes  # as FITS says so
     with pytest.raises(FieldError, match="1 of 2 rows.*parallax not finite: 1 .row 0"):
-        read_scalars({"ra": [1, 2], "dec": [1, 2], "parallax": [np.nan, 1], "parallax_error": [1, 1]})
+        read_scalars(bare | {"parallax": [np.inf, 1]})
     kept = read_scalars(masked, on_bad="drop")
     assert len(kept) == 1
     assert any("taken in mas: parallax" in str(note) for note in kept.notes)

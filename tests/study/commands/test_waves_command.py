@@ -113,7 +113,7 @@ def test_files_that_lack_something(epochs, tmp_path, capsys):
     table.write(tmp_path / "without.fits")
     words = ["--frequencies", "2", "--lmax", "2", "--nside", "2", "--skies", "5", "--attitude", "known"]
     assert main([str(tmp_path / "without.fits"), *words]) == 1
-    assert "positions=, a table of source_id, ra, dec" in capsys.readouterr().err
+    assert "--positions), a table of source_id, ra, dec" in capsys.readouterr().err
     full = Table({"source_id": np.arange(1, 31), "ra": np.zeros(30), "dec": np.zeros(30)})
     known = read_observations(epochs)
     full["ra"], full["dec"] = np.degrees(known.lon), np.degrees(known.lat)
