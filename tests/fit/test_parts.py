@@ -75,6 +75,10 @@ def test_moments_add_and_subtract():
     assert rest.n_data == own.n_data == 4000
     assert (whole + Moments.of(FIELD, 3)).lmax == 3
     assert Moments.of(PARTS, 6).n_data == 6000
+    rows = whole.to_table()  # each under its own frequencies
+    for letter, width in (("a", 12), ("e", 6)):
+        kept = rows["of"] == letter
+        assert (rows["n"][kept].min(), rows["n"][kept].max(), rows["m"][kept].max()) == (-width, width, width)
 
 
 def test_moments_say_what_they_cannot():

@@ -37,6 +37,11 @@ def with_outliers():
     return sim.epochs(population, sim.spin((0.0, 0.0, 0.0)), 4, outliers=0.05)
 
 
+def test_share_of_outliers_is_at_most_one():
+    with pytest.raises(ParameterError, match="lies between 0 and 1, not at 2"):
+        sim.epochs(sim.quasars(3, 1), sim.spin((0.0, 0.0, 0.0)), 4, outliers=2.0)
+
+
 def test_fields_from_epochs_are_those_of_the_solution(transits):
     """Plain least squares by dense matrices, source by source, from the table's own columns."""
     field = read_epochs(transits, robust=False)
