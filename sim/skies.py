@@ -26,15 +26,9 @@ GUMS_PLANE = (12.0, 3.0, 3.0)
 #: by area: these shares were set so that the sky ties spin to acceleration as in the paper's
 #: correlation table, under the errors of the scanning law. They are the only parameters that were.
 IGQL_SHARES = {
-    "SDSS north cap": 0.26,
-    "far north": 0.27,
-    "equatorial south": 0.14,
-    "equatorial north": 0.11,
-    "2QZ south": 0.07,
-    "2QZ north": 0.06,
-    "northern sky": 0.07,
-    "all sky": 0.02,
-}
+    "SDSS north cap": 0.26, "far north": 0.27, "equatorial south": 0.14, "equatorial north": 0.11, "2QZ south": 0.07,
+    "2QZ north": 0.06, "northern sky": 0.07, "all sky": 0.02,
+}  # fmt: skip
 
 
 def sky_map(sky: str) -> tuple[FloatArray, str]:

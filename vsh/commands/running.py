@@ -62,6 +62,13 @@ def make_entry(
     return main, run
 
 
+def _describe_absent_options(options, message):
+    """Words on options of reading that a message names and a command, such as vsh-link, does not have."""
+    names = [name for name in ("where", "units", "columns", "on-bad") if f"--{name}" in message]
+    absent = " and ".join(f"--{name}" for name in names if not hasattr(options, name.replace("-", "_")))
+    return f" ({options.program} has no {absent}: change the table, or read it in Python)" if absent else ""
+
+
 def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int:
     """Run an action; returns the exit status: 0, or 1 with one line that says what was wrong."""
     program = options.program
@@ -95,7 +102,7 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
         mute_if_broken()
         return _report_failure(program, f"error: {format_os_error(error)}")
     except VshError as error:
-        return _report_failure(program, f"error: {error}")
+        return _report_failure(program, f"error: {error}{_describe_absent_options(options, str(error))}")
     except KeyboardInterrupt as error:
         options.interrupted_by = error.args[0] if error.args else signal.SIGINT
         return _report_failure(program, "interrupted")

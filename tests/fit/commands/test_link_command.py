@@ -116,3 +116,13 @@ def test_hours_and_negative_errors_are_refused(tmp_path, capsys):
         wrong.write(tmp_path / "wrong.csv", overwrite=True)
         assert main([str(tmp_path / "wrong.csv"), str(tmp_path / "vlbi.csv")]) == 1
         assert words in capsys.readouterr().err
+
+
+def test_options_of_other_commands_are_not_proposed(tmp_path, capsys):
+    """--units was proposed, and then refused as an option that nobody knows."""
+    write_astrometry(sim.link(1, 30), tmp_path / "rows.csv")
+    table = Table.read(tmp_path / "rows.csv")
+    table["ra"] = table["ra"] / 15
+    table.write(tmp_path / "hours.csv")
+    assert main([str(tmp_path / "hours.csv")]) == 1
+    assert "vsh-link has no --units: change the table, or read it in Python" in capsys.readouterr().err
