@@ -13,7 +13,7 @@ from fit.background import floor as background_floor
 from fit.correlation import CorrelationMatrices, correlation_matrices
 from fit.frames.results import FrameResult
 from fit.methods import METHODS
-from fit.normal import fit_field, normal_equations
+from fit.normal import add_coverage_notes, fit_field, normal_equations
 from fit.results.quality import FEW, MANY, SEEN, ErrorSource, f_p_value
 from fit.results.solution import AboutSolution, Solution
 from fit.robust import clip, student_t
@@ -529,7 +529,7 @@ def compare_catalogues(
         covariance = _sum_covariances((a[pairs.a[selection]], b[pairs.b[selection]]), fields)
         formal_solution = _solve_with_covariance(fitted, modes, covariance)
     estimate = _solve_by_method(fitted, modes, method, replicates, rng) or formal_solution
-    notes = list(estimate.notes)
+    notes = list(add_coverage_notes(estimate, fitted).notes)
     if (scatter > 1.2).any():
         notes.append(
             "sources are excluded by errors up to "

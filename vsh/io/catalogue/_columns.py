@@ -249,6 +249,7 @@ _MANY_SAME, _SAME_FACTOR = 20, 5
 def _describe_repeated_redshifts(redshift):
     """A warning where many redshifts have one value, as marks of missing ones do."""
     values, counts = np.unique(redshift[np.isfinite(redshift)], return_counts=True)
+    values, counts = values[1:], counts[1:]  # the smallest may be a limit of the sample
     if len(counts) < 2 or (most := int(counts.max())) <= max(_MANY_SAME, _SAME_FACTOR * np.sort(counts)[-2]):
         return []
     text = f"{most} redshifts are exactly {values[counts.argmax()]:g}: a mark of missing ones? They are used"

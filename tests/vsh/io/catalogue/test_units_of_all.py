@@ -218,6 +218,10 @@ def test_redshifts_of_one_value_are_doubted():
     with pytest.warns(VshWarning, match="30 redshifts are exactly 1: a mark of missing ones"):
         field = read_field(made)
     assert (field.redshift == 1.0).sum() == 30  # they are used
+    made["redshift"] = np.maximum(
+        np.random.default_rng(1).uniform(-0.05, 0.3, 200), 0.01
+    )  # nor is a limit of the sample
+    assert not [note for note in read_field(made).notes if "exactly" in note]
     made["redshift"] = np.round(np.random.default_rng(1).uniform(0.01, 0.3, 200), 1)  # rounded ones are none
     assert not [note for note in read_field(made).notes if "exactly" in note]
 
