@@ -27,6 +27,8 @@ REPEATED = "several rows a source"
 ERRORS_TOO_SMALL, CLIPPED = "quoted errors are too small", "clipped"
 #: That of a fit whose residuals are many times smaller than the errors.
 TOO_LITTLE_SCATTER = "residuals far below the errors"
+#: By how much residuals exceed errors where a unit is wrong rather than an error.
+WRONG_UNIT_FACTOR = 30.0
 #: From so many sources on systematic errors are included by default; below so few they cannot be estimated.
 MANY, FEW = 100_000, 200
 

@@ -11,7 +11,7 @@ from fit.frames.link._likelihood import FAMILIES, NORMAL, OFFSET_FAMILIES, Node,
 from fit.frames.link._rows import LinkPrior, Unknowns, make_equations
 from fit.frames.link._solution import FrameTie, make_frame_tie
 from fit.frames.results import FrameResult
-from fit.results.quality import SEEN
+from fit.results.quality import SEEN, WRONG_UNIT_FACTOR
 from vsh.io import tables
 from vsh.io.sections import Answer, Section
 from vsh.sky.astrometry import AstrometryRows
@@ -113,8 +113,9 @@ def link(
         tuple(name for name in astrometry.catalogues if name != reference_name),
         tuple(map(float, steps)), order, float(epoch), "parallax" in unknowns,
     )  # fmt: skip
-    if are_guessed := fixed is None:
-        fixed = dict.fromkeys(_find_radio_names(astrometry) or [reference_name], ICRF3_EPOCH)
+    radio_names = _find_radio_names(astrometry)
+    is_guessed = fixed is None and not radio_names
+    fixed = dict.fromkeys(radio_names or [reference_name], ICRF3_EPOCH) if fixed is None else dict(fixed)
     unknown_names = [catalogue for catalogue in fixed if catalogue not in astrometry.catalogues]
     if unknown_names:
         raise ParameterError(
@@ -140,11 +141,11 @@ def link(
             nodes.append(replace(node, log_evidence=log_evidence, excess=size))
     best_node = max(nodes, key=lambda node: node.log_evidence)
     notes = (*astrometry.notes, *notes)
-    if best_node.scale > _WRONG_UNIT_FACTOR:
+    if best_node.scale > WRONG_UNIT_FACTOR:
         text = f"residuals are {best_node.scale:.3g} times the errors: are both in the units that were assumed?"
         notes = (*notes, CodedNote(f"warning: {text}", DOUBT))
     if aberration is not None and "acceleration" not in unknowns:
-        if are_guessed and not _find_radio_names(astrometry):
+        if is_guessed:
             text = f"calibrators of {reference_name} are taken as fixed: if not, say whose (fixed=, --fixed NAME=2015)"
             notes = (*notes, CodedNote(f"warning: {text}", DOUBT))
         exception = f" of all catalogues but {', '.join(fixed)}, whose calibrators are fixed" if fixed else ""
@@ -205,10 +206,6 @@ def _check_separable(rows, prior, names, equations):
         raise DegeneracyError(
             f"{len(rows.names)} sources, {n_both} of them in two catalogues, cannot separate {', '.join(mixed)}: {hint}"
         )
-
-
-#: By how much residuals exceed errors where a unit is wrong rather than an error.
-_WRONG_UNIT_FACTOR = 30.0
 
 
 def _find_radio_names(astrometry):

@@ -19,6 +19,7 @@ from fit.results.quality import (
     REPEATED,
     SEEN,
     TOO_LITTLE_SCATTER,
+    WRONG_UNIT_FACTOR,
     ErrorSource,
     hint_of,
     solution_of,
@@ -218,8 +219,6 @@ _ERROR_NAMES = {
     ErrorSource.BOOTSTRAP: "errors from the bootstrap", ErrorSource.JACKKNIFE: "errors from the jackknife",
     ErrorSource.JOINT: "joint fit",
 }  # fmt: skip
-#: By how much residuals exceed errors where a unit is wrong rather than an error.
-_WRONG_UNIT_FACTOR = 30.0
 
 
 def answer_of(solution: Any) -> Answer:
@@ -257,7 +256,7 @@ def answer_of(solution: Any) -> Answer:
 def _describe_reason_for_no_result(solution):
     """Reason why a fit has nothing to quote; None where it has something."""
     factor, codes = compute_error_factor(solution), codes_of(solution.notes)
-    if factor > _WRONG_UNIT_FACTOR:
+    if factor > WRONG_UNIT_FACTOR:
         return f"residuals are {factor:.3g} times the errors. Are both in the units that were assumed?"
     if TOO_LITTLE_SCATTER in codes:
         return "residuals are far below the errors. Are both in the units that were assumed?"

@@ -206,10 +206,8 @@ def _match_by_name(a, b):
             'has them (--columns name=…); by="position" (--match 1) needs none'
         )
     types = a.name.dtype, b.name.dtype
-    if types[0].kind != types[1].kind and "U" in (
-        types[0].kind,
-        types[1].kind,
-    ):  # identifiers, as digits in one of them
+    kinds = {dtype.kind for dtype in types}
+    if len(kinds) > 1 and "U" in kinds:  # identifiers, as digits in one of them
         a, b = (replace(catalogue, name=np.char.strip(catalogue.name.astype(str))) for catalogue in (a, b))
         if not np.isin(a.name, b.name).any():
             raise FieldError(
